@@ -39,16 +39,18 @@ from ._map import Mapped, map
 from ._model import Channel, Model, Param, Residuals, Response
 from ._notebook import load_ipython_extension, model
 from ._progress import telling as progress
-from ._results import Answer, Check, Design, Diagnosis, Doctor, Effects, Linear, Margins, Modes, Profiles, Spectra, Study, doctor
+from ._results import Answer, Calibration, Check, Design, Diagnosis, Doctor, Draws, Effects, Linear, Margins, Modes, Profiles, Spectra, Study, doctor
 from ._run import Run, RunTable, Signal
 
 __all__ = [
     "Answer",
+    "Calibration",
     "Channel",
     "Check",
     "Design",
     "Diagnosis",
     "Doctor",
+    "Draws",
     "Effects",
     "Error",
     "Finding",

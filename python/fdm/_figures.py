@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -172,6 +172,18 @@ def overlays(model: Model, found: Sequence[dict[str, Any]], *, axes: Any = None)
         made[0, column].set_title(overlay["run"])
         made[0, column].legend(loc="best", fontsize="small")
         made[-1, column].set_xlabel(_label("t", model.time_unit))
+    return made
+
+
+def draws(found: Mapping[str, Any], *, axes: Any = None) -> Any:
+    """Trace of every chain beside the histogram of all draws: axes (parameters by 2)."""
+    made = _axes(axes, len(found), 2, size=(4.5, 1.6))
+    for (trace, spread), (name, values) in zip(made, found.items()):
+        trace.plot(values.T, lw=0.6)
+        spread.hist(values.ravel(), bins=40, density=True, color="0.6")
+        trace.set_ylabel(name)
+        spread.set_yticks([])
+    made[-1, 0].set_xlabel("draw")
     return made
 
 

@@ -22,7 +22,7 @@ from ._progress import telling
 from ._run import Campaign, Run, RunLike, as_runs
 
 if TYPE_CHECKING:
-    from ._results import Design, Linear, Margins, Modes
+    from ._results import Design, Draws, Linear, Margins, Modes
 
 
 @dataclass(frozen=True)
@@ -352,6 +352,22 @@ class Fit:
         from ._results import Margins
 
         return Margins._of(_fdm.margins(self.files, words({"requirement": listed(requirement), **options})))
+
+    def sample(self, *, chains: int | None = None, draws: int | None = None, seed: int | None = None, progress: Any = None, **options: Any) -> Draws:
+        """Draws from the posterior by the No-U-Turn sampler, as ``fdm sample``: of parameters, noise and derived quantities.
+
+        chains: how many (4); draws: of each chain (1000); warmup, target, max_depth: of the sampler; bands: predictive bands of every run.
+        """
+        from ._results import Draws
+
+        # a result that was read knows its files; one of runs in memory needs them
+        if self._made is not None:
+            records = self._made.records()
+        else:
+            records = Campaign.of(self.model, self._runs).records if self._runs else []
+        asked = words({"chains": chains, "draws": draws, "seed": seed, **options})
+        with telling(progress, f"sampling {self.model.name}") as tell:
+            return Draws._of(_fdm.sample(self.files, records, asked, tell))
 
     def predict(self, runs: RunLike | Sequence[RunLike], *, progress: Any = None) -> Prediction:
         """What the result predicts of runs that it was not fitted to, as ``fdm validate``: shared parameters are held, biases and initial

@@ -20,7 +20,7 @@ from ._run import Campaign, Run, RunLike, as_runs
 if TYPE_CHECKING:
     from ._errors import Finding
     from ._fit import Fit
-    from ._results import Check, Design, Diagnosis, Doctor, Effects, Linear, Modes, Profiles, Spectra, Study
+    from ._results import Calibration, Check, Design, Diagnosis, Doctor, Effects, Linear, Modes, Profiles, Spectra, Study
 
 
 @dataclass(frozen=True)
@@ -401,6 +401,19 @@ class Model:
             asked = words({"repeats": repeats, "seed": seed, **options})
             made, columns = _fdm.study(of.model._m, of.records, asked, tell)
         return Study._of(made, columns)
+
+    def calibrate(
+        self, runs: RunLike | Sequence[RunLike], *, repeats: int | None = None, seed: int | None = None, progress: Any = None, **options: Any
+    ) -> Calibration:
+        """Simulation-based calibration of `Fit.sample` conditional on the runs, as ``fdm study --calibration``.
+
+        repeats: how many (1000); warmup: transitions before the draws of each (300).
+        """
+        from ._results import Calibration
+
+        of = Campaign.of(self, runs, options=options)
+        with telling(progress, f"calibration of {self.name}") as tell:
+            return Calibration._of(_fdm.calibrate(of.model._m, of.records, words({"repeats": repeats, "seed": seed, **options}), tell))
 
     def profile(
         self,

@@ -115,6 +115,56 @@ class Study(Answer):
         return frame(self.repeats, kind)
 
 
+class Draws(Answer):
+    """Draws from a posterior. Keys of ``fdm sample --json`` are attributes: `parameters` (mean, deviation, interval, R-hat, effective
+    sizes), `chains`, `bands`, `remarks`. ``draws["k"]`` are those of a parameter (chains by draws); of a single run ``draws["k", "run"]``."""
+
+    arviz: dict[str, dict[str, Any]]
+    """Groups as ArviZ names them, of variables (chains by draws): ``az.from_dict(draws.arviz)``, or with ArviZ before 1.0
+    ``az.from_dict(**draws.arviz)``."""
+
+    @classmethod
+    def _of(cls, made: _fdm.Answer) -> Draws:  # type: ignore[override]
+        found = super()._of(made)
+        groups = json.loads(dict(made.files)["draws.json"])
+        found.arviz = {group: {name: np.array(v, dtype=float) for name, v in variables.items()} for group, variables in groups.items()}
+        found.arviz["sample_stats"]["diverging"] = found.arviz["sample_stats"]["diverging"] > 0
+        return found
+
+    def __getitem__(self, name: str | tuple[str, str]) -> NDArray[np.float64]:
+        key = name if isinstance(name, str) else f"{name[0]}[{name[1]}]"
+        if key not in self.arviz["posterior"]:
+            raise KeyError(f"there is no `{key}`; there are {', '.join(self.arviz['posterior'])}")
+        return self.arviz["posterior"][key]
+
+    def table(self, kind: str = "pandas") -> Any:
+        """One row for each draw, with ``chain`` and ``draw``."""
+        posterior = self.arviz["posterior"]
+        chains, draws = next(iter(posterior.values())).shape
+        numbers = {"chain": np.repeat(np.arange(chains), draws), "draw": np.tile(np.arange(draws), chains)}
+        return frame({**numbers, **{name: v.ravel() for name, v in posterior.items()}}, kind)
+
+    def save(self, file: str | os.PathLike[str]) -> None:
+        """Writes the draws as ``--arviz`` does, for ``az.from_json``."""
+        Path(file).write_bytes(dict(self._files)["draws.json"])
+
+    def report(self, file: str | os.PathLike[str]) -> None:
+        """Writes one page for a browser, as ``--report``: parameters, traces, ranks, predictive bands where `bands` was given."""
+        Path(file).write_bytes(dict(self._files)["page.html"])
+
+    def plot(self, *, axes: Any = None) -> Any:
+        """Traces and histograms of every parameter, as matplotlib axes (parameters by 2)."""
+        return _figures.draws(self.arviz["posterior"], axes=axes)
+
+
+class Calibration(Answer):
+    """Ranks of the truth among draws. Keys of its document are attributes: `parameters` (``counts``, ``shift``, ``spread``, ``p``), `p`."""
+
+    def report(self, file: str | os.PathLike[str]) -> None:
+        """Writes one page for a browser, as ``--report``."""
+        Path(file).write_bytes(dict(self._files)["page.html"])
+
+
 class Profiles(Answer):
     """Profile-likelihood intervals; ``profiles["k"]`` is that of a parameter."""
 

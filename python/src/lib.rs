@@ -37,7 +37,8 @@ mod _fdm {
     use super::residuals::Residuals;
     #[pymodule_export]
     use super::results::{
-        Doctor, Fit, design, diagnose, doctor, doctor_alone, fit, margins, profile, simulate, spectra, study, validate,
+        Doctor, Fit, calibrate, design, diagnose, doctor, doctor_alone, fit, margins, profile, sample, simulate,
+        spectra, study, validate,
     };
     #[pymodule_export]
     use super::work::{set_threads, threads};

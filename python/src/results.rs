@@ -163,6 +163,34 @@ pub(crate) fn study<'py>(
     Ok((Answer::new(py, answer, interrupted), columns))
 }
 
+/// `fdm sample`, over these records or over the files that the result was fitted to.
+#[pyfunction]
+pub(crate) fn sample(
+    py: Python<'_>,
+    files: Files,
+    records: Vec<Py<Record>>,
+    words: Vec<String>,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Answer> {
+    let records = all(&records);
+    let (found, interrupted) = watched(py, progress, |watch| request::sample(&files, records, &words, watch))?;
+    Ok(Answer::new(py, found.map_err(|e| refused(py, e))?, interrupted))
+}
+
+/// `fdm study --calibration`.
+#[pyfunction]
+pub(crate) fn calibrate(
+    py: Python<'_>,
+    model: &Model,
+    records: Vec<Py<Record>>,
+    words: Vec<String>,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Answer> {
+    let records = all(&records);
+    let (found, interrupted) = watched(py, progress, |watch| request::calibrate(&model.model, records, &words, watch))?;
+    Ok(Answer::new(py, found.map_err(|e| refused(py, e))?, interrupted))
+}
+
 /// `fdm profile`.
 #[pyfunction]
 pub(crate) fn profile(

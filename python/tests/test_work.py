@@ -340,3 +340,31 @@ def test_ctrl_c_ends_the_command_with_the_best_so_far():
     process.send_signal(signal.SIGINT)
     out, said = process.communicate(timeout=60)
     assert process.returncode == 1 and "Cramer-Rao" in out and "interrupted" in said
+
+
+def test_draws_come_as_arrays_and_agree_with_the_fit(tmp_path):
+    m = fdm.Model.from_text("model decay { state x = 1; param k = 0.3 [1/s], b = 0 per run; der(x) = -k*x; output y = x + b; }")
+    fit = m.fit(decaying(), progress=False)
+    draws = fit.sample(chains=2, draws=300, warmup=200, seed=2, bands=True, progress=False)
+    assert draws.good, draws.text
+    k = draws["k"]
+    assert k.shape == (2, 300) and abs(k.mean() - fit.params["k"].value) < 0.5 * fit.params["k"].error
+    assert draws["b", "decay"].shape == (2, 300) and (draws["noise y"] > 0).all()
+    assert {"posterior", "sample_stats", "observed_data"} <= set(draws.arviz) and draws.arviz["sample_stats"]["diverging"].dtype == bool
+    table = draws.table()
+    assert len(table) == 600 and table["draw"].max() == 299
+    assert draws.bands[0].name == "y" and len(draws.bands[0].time) == 200
+    draws.save(tmp_path / "draws.json")
+    assert json.loads((tmp_path / "draws.json").read_text())["posterior"]["k"][0][0] == k[0, 0]
+    draws.report(tmp_path / "draws.html")
+    assert "Traces and ranks" in (tmp_path / "draws.html").read_text()
+    plt.close(draws.plot()[0, 0].figure)
+    with pytest.raises(KeyError, match="there is no `q`"):
+        draws["q"]
+    # the same bits from a folder and with other threads
+    fdm.set_threads(1)
+    again = fit.sample(chains=2, draws=300, warmup=200, seed=2, progress=False)
+    fdm.set_threads(None)
+    assert (again["k"] == k).all()
+    ranks = m.calibrate(decaying(n=40), repeats=20, warmup=100, progress=False)
+    assert ranks.done == 20 and sum(ranks.parameters[0].counts) == 20

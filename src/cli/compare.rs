@@ -1,12 +1,14 @@
 //! `fdm compare`: several results side by side, and what they predict of validation runs.
 
+use crate::bands::of_validation;
 use crate::campaign::Role;
-use crate::deliver::Output;
+use crate::deliver::{Output, write};
 use crate::failure::{Ending, Failure, ended, remark};
 use crate::load::{RunList, Selection, fitted_before, open_result, read_runs};
 use crate::progress::Progress;
 use clap::Args;
 use fdm_report::comparison_table;
+use fdm_report::page::comparison_page;
 use fdm_results::comparison::{Candidate, Comparison, Prediction, compare, predict};
 use fdm_results::store::ResultFolder;
 use fdm_system::Model;
@@ -27,6 +29,9 @@ pub(crate) struct Arguments {
     selection: Selection,
     #[command(flatten)]
     output: Output,
+    /// Write one page for a browser: criteria, parameters beside each other and averaged, predictions
+    #[arg(long, value_name = "FILE.html", help_heading = "Result")]
+    report: Option<PathBuf>,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
@@ -38,7 +43,11 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         comparison = comparison.with_predictions(predictions);
     }
     let printed = arguments.output.print(|| comparison_table(&comparison), || &comparison)?;
-    ended(printed && comparison.predictions.iter().all(|p| p.converged))
+    let written = arguments.report.as_ref().map_or(Ok(()), |file| write(file, comparison_page(&comparison)));
+    if let Err(e) = &written {
+        remark(format_args!("error: {e}; the result is what is printed"));
+    }
+    ended(printed && written.is_ok() && comparison.predictions.iter().all(|p| p.converged))
 }
 
 fn predictions(
@@ -66,7 +75,10 @@ fn predictions(
         progress.say(&format!("predicting with {}", candidate.name));
         let name = &candidate.name;
         let found = predict(name, folder, model, &runs, &mut progress);
-        predictions.push(found.map_err(|e| Failure::input([format!("{name}: {e}")]))?);
+        let (prediction, fit) = found.map_err(|e| Failure::input([format!("{name}: {e}")]))?;
+        let bands: Vec<Option<Vec<f64>>> =
+            of_validation(&fit, folder, &runs).into_iter().map(|b| b.ok().map(|b| b.measurement)).collect();
+        predictions.push(prediction.with_bands(&bands));
     }
     progress.finish();
     Ok(predictions)

@@ -9,11 +9,11 @@ use crate::progress::Progress;
 use crate::progress_file::{Course, CourseWriter};
 use clap::Args;
 use fdm_discover::Overlay;
-use fdm_estimate::{Fit, Noise};
+use fdm_estimate::{Fit, Noise, responses_of_fit};
 use fdm_lab::posterior::Bands;
 use fdm_report::page::{Subject, page};
 use fdm_report::{TimeHistory, svg};
-use fdm_results::documents::{OutputDocument, ResultDocument};
+use fdm_results::documents::{OutputDocument, Pair, ResultDocument};
 use fdm_results::store::{Contents, Destination, Identity, Manifest, make_folder, write_file};
 use fdm_system::Model;
 use fdm_system::record::{Column, Dialect, Run, write_to};
@@ -105,6 +105,8 @@ pub(crate) struct Outcome<'a> {
     pub(crate) bands: Vec<Option<Bands>>,
     /// Tables and sentences.
     pub(crate) text: String,
+    /// The same with all remarks, for the folder; none where nothing is left out.
+    pub(crate) whole: Option<String>,
     /// The same for programs.
     pub(crate) json: ResultDocument,
     /// What goes to standard error behind it.
@@ -113,12 +115,15 @@ pub(crate) struct Outcome<'a> {
 }
 
 impl Outcome<'_> {
-    /// The modes of the model as it was found, and its requirements, are part of what is written.
+    /// The modes of the model as it was found, its requirements and its frequency responses are part of what is written.
     fn find_modes(&mut self) {
         let runs: Vec<String> = self.runs.iter().map(|run| run.name.clone()).collect();
         let modes = of_result(self.model, &self.json, &runs);
         self.json.set_modes(modes);
         self.json.set_requirements(margins::of_result(self.model, &self.json, &runs));
+        let in_time = self.fit.filter(|fit| fit.estimate.termination.is_good());
+        let responses = in_time.filter(|_| self.json.is_simulated()).map(|fit| responses_of_fit(fit, self.runs));
+        self.json.set_bode(responses.unwrap_or_default().iter().map(Pair::from).collect());
     }
 
     /// The files of the folder that `--out` would write.
@@ -313,7 +318,7 @@ fn picture(outcome: &Outcome<'_>) -> String {
 
 /// Everything that a folder holds.
 fn contents(outcome: Outcome<'_>) -> Contents {
-    let mut text = outcome.text.clone();
+    let mut text = outcome.whole.as_ref().unwrap_or(&outcome.text).clone();
     outcome.remarks.iter().for_each(|r| text.push_str(&format!("{r}\n")));
     let mut others = vec![("result.txt".to_string(), text.into_bytes())];
     if outcome.fit.is_some() || !outcome.spectra.is_empty() {

@@ -20,9 +20,9 @@ use fdm_estimate::{
 };
 use fdm_lab::job;
 use fdm_report::{
-    TimeHistory, baseline_table, confidence, filter_table, fit_table, fitted_response_columns, fitted_response_table,
-    hidden_mode, history_table, overlays, prediction_table, spectral_table, spectrum_columns, starts_hint,
-    starts_table, way,
+    Detail, TimeHistory, baseline_table, confidence, filter_table, fit_table, fit_verdict, fitted_response_columns,
+    fitted_response_table, hidden_mode, history_table, overlays, prediction_table, spectral_table, spectrum_columns,
+    starts_hint, starts_table, way,
 };
 use fdm_results::documents::{FitDocument, JudgedRecords, TimeDomain};
 use fdm_results::store::{Identity, Manifest};
@@ -72,6 +72,9 @@ pub(crate) struct Arguments {
     /// Show the 95 % interval of each parameter
     #[arg(long, help_heading = "Result")]
     intervals: bool,
+    /// Every remark, not only the five that speak most against the result, and how each run is integrated
+    #[arg(long, help_heading = "Result")]
+    verbose: bool,
     /// Show the iterations
     #[arg(long, help_heading = "Result")]
     history: bool,
@@ -262,20 +265,23 @@ impl<'a> Task<'a> {
         (runs, validation): (&[Run], &[Run]),
         progress: &mut Progress,
     ) -> Result<Made, Failure> {
-        let mut text = self.text;
-        text.push_str(&found.text(self.arguments, runs));
         let mut document = found.document();
+        let verdict = fit_verdict(&document);
+        let told = |verbose: bool| format!("{}{}", self.text, found.text(self.arguments, runs, (&verdict, verbose)));
+        let (mut text, mut whole) = (told(self.arguments.verbose), told(true));
         if let Some(predicted) = found.predicted(validation, self.options.noise(), progress)? {
-            text.push_str(&format!("\nvalidation runs, not fitted\n{}", prediction_table(&predicted.quality)));
+            let mut said = format!("\nvalidation runs, not fitted\n{}", prediction_table(&predicted.quality));
             let baselines = predicted.baselines(validation, 0.0);
-            text.push_str(&format!("\n{}", baseline_table(&baselines)));
+            said.push_str(&format!("\n{}", baseline_table(&baselines)));
             let beaten = baselines.iter().filter_map(Baseline::beaten);
-            beaten.for_each(|said| text.push_str(&format!("{said}\n")));
+            beaten.for_each(|line| said.push_str(&format!("{line}\n")));
+            text.push_str(&said);
+            whole.push_str(&said);
             document.holdout = Some(TimeDomain::of(&predicted));
         }
         let seed = matches!(self.options, Chosen::Output(_)).then_some(self.arguments.seed);
         let (starts, noise) = (self.arguments.starts as usize, self.options.noise());
-        Ok(Made { found, text, document, starts, seed, noise, identity: self.identity })
+        Ok(Made { found, text, whole, document, starts, seed, noise, identity: self.identity })
     }
 }
 
@@ -284,6 +290,8 @@ pub(crate) struct Made {
     pub(crate) found: Found,
     /// Tables and sentences.
     pub(crate) text: String,
+    /// The same with all remarks.
+    whole: String,
     /// The same for programs.
     document: FitDocument,
     starts: usize,
@@ -324,6 +332,7 @@ impl Made {
             tables: self.found.tables(),
             bands: Vec::new(),
             text: self.text.clone(),
+            whole: Some(self.whole.clone()),
             json: self.document.clone().into(),
             remarks: self.found.remarks(self.starts),
             manifest,
@@ -346,6 +355,9 @@ fn start_at_best_iterate(model: &Model, runs: &[Run], options: &mut FitOptions) 
         "start values: iterate {best} of {count} of recursive least squares (`fdm regress --recursive` shows them)\n\n"
     ))
 }
+
+/// Runs whose integration is told where not all is.
+const RUNS: usize = 3;
 
 /// The options of the method that was chosen.
 pub(crate) enum Chosen {
@@ -472,15 +484,16 @@ impl Found {
     }
 
     /// Tables and sentences.
-    fn text(&self, arguments: &Arguments, runs: &[Run]) -> String {
+    fn text(&self, arguments: &Arguments, runs: &[Run], (verdict, verbose): (&str, bool)) -> String {
         let e = self.estimate();
+        let detail = Detail { intervals: arguments.intervals, verbose };
         let tables = match self {
-            Self::Output(fit) => fit_table(fit, arguments.intervals),
-            Self::Filter(fit) => filter_table(fit, arguments.intervals),
-            Self::Spectra(fit) => spectral_table(fit, arguments.intervals),
-            Self::Responses(fit) => fitted_response_table(fit, arguments.intervals),
+            Self::Output(fit) => fit_table(fit, detail),
+            Self::Filter(fit) => filter_table(fit, detail),
+            Self::Spectra(fit) => spectral_table(fit, detail),
+            Self::Responses(fit) => fitted_response_table(fit, detail),
         };
-        let mut text = format!("{}\n\n{tables}\n", title(self.model()));
+        let mut text = format!("{}\n{verdict}\n\n{tables}\n", title(self.model()));
         if arguments.history {
             text.push_str(&format!("\n{}\n", history_table(&e.history)));
         }
@@ -508,9 +521,14 @@ impl Found {
             Self::Output(fit) | Self::Filter(FilterFit { fit, .. }) if !e.runs.is_empty() => &fit.integration[..],
             _ => &[],
         };
-        for (run, accuracy) in runs.iter().zip(integrated).filter(|_| self.model().layout().states > 0) {
+        let all = runs.iter().zip(integrated).filter(|_| self.model().layout().states > 0);
+        for (run, accuracy) in all.clone().take(if verbose { runs.len() } else { RUNS }) {
             let scheme = arguments.integration.said(accuracy);
             text.push_str(&format!("{}: {} samples, {scheme}\n", run.name, run.len()));
+        }
+        let more = all.count().saturating_sub(RUNS);
+        if more > 0 && !verbose {
+            text.push_str(&format!("{more} more runs: --verbose\n"));
         }
         text
     }
@@ -611,7 +629,7 @@ fn has_moved(fit: &Fit) -> bool {
 pub(crate) fn print_so_far(fit: &Fit, output: &Output) -> Ending {
     let e = &fit.estimate;
     let table = || {
-        let table = fit_table(fit, false);
+        let table = fit_table(fit, Detail::default());
         format!("{}\n\n{table}\n{} after {} iterations\n", title(&fit.model), e.termination, e.iterations)
     };
     output.print(table, || FitDocument::of(fit))?;

@@ -15,6 +15,7 @@ use clap::Args;
 use fdm_estimate::{Fit, FitOptions, Keeper, Options, Status, fit_kept};
 use fdm_lab::job;
 use fdm_lab::study::{End, Profile, Profiler, StudyError};
+use fdm_report::page::profile_page;
 use fdm_report::{profile_svg, profile_table};
 use fdm_results::store::Identity;
 use fdm_system::Model;
@@ -47,6 +48,9 @@ pub(crate) struct Arguments {
     /// Draw the cost over each parameter to an SVG file
     #[arg(long, value_name = "FILE.svg", help_heading = "Result")]
     plot: Option<PathBuf>,
+    /// Write one page for a browser: intervals, and the cost over each parameter
+    #[arg(long, value_name = "FILE.html", help_heading = "Result")]
+    report: Option<PathBuf>,
     #[command(flatten)]
     overwriting: Overwriting,
     /// What was done elsewhere, where this is the end of a job.
@@ -162,11 +166,13 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let printed = arguments.output.print(|| profile_table(&profiles), || &profiles)?;
     integration_remarks(&found).iter().for_each(|r| remark(format_args!("{r}")));
     let drawn = arguments.plot.as_ref().map_or(Ok(()), |file| write(file, profile_svg(&profiles)));
-    if let Err(e) = &drawn {
+    let page = || profile_page(model.name(), &profiles);
+    let drawn = [drawn, arguments.report.as_ref().map_or(Ok(()), |file| write(file, page()))];
+    for e in drawn.iter().filter_map(|d| d.as_ref().err()) {
         remark(format_args!("error: {e}; the result is what is printed"));
     }
     let lost = |p: &Profile| p.ends.iter().any(|e| matches!(e, End::Interrupted(_)));
     // told in any case
     let in_time = progress.in_time();
-    ended(in_time && found.is_integrated() && printed && drawn.is_ok() && !profiles.iter().any(lost))
+    ended(in_time && found.is_integrated() && printed && drawn.iter().all(Result::is_ok) && !profiles.iter().any(lost))
 }

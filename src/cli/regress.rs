@@ -291,7 +291,7 @@ pub(crate) fn outcome<'a>(
 ) -> Outcome<'a> {
     let remarks = if determined { Vec::new() } else { vec![UNDETERMINED.to_string()] };
     let (spectra, tables) = (Vec::new(), Vec::new());
-    Outcome { model, fit: None, runs, spectra, tables, bands: Vec::new(), text, json, remarks, manifest }
+    Outcome { model, fit: None, runs, spectra, tables, bands: Vec::new(), text, whole: None, json, remarks, manifest }
 }
 
 /// Half the mean sampling rate of the slowest record.

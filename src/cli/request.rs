@@ -16,8 +16,8 @@ use crate::methods::{Domain, Method};
 use crate::progress::{Progress, RepeatProgress};
 use crate::progress_file::Course;
 use crate::{
-    check, design, diagnose as diagnosis, doctor, effects as catalogues, margins, modes, profile, regress, simulate,
-    spectra, study,
+    check, design, diagnose as diagnosis, doctor, effects as catalogues, margins, modes, profile, regress, sample,
+    simulate, spectra, study,
 };
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Args, Command};
@@ -26,8 +26,8 @@ use fdm_estimate::{Estimate, Fit, FitOptions, Iteration, Noise, UnknownName};
 use fdm_lab::study::{Bootstrap, Repeat, Study, StudyError, series};
 use fdm_readers::{Field, Topic};
 use fdm_report::{
-    check_text, design_table, diagnosis_text, doctor_text, margins_text, modes_table, profile_table, response_table,
-    study_table,
+    calibration_text, check_text, design_table, diagnosis_text, doctor_text, margins_text, modes_table, profile_table,
+    response_table, sample_text, study_table,
 };
 use fdm_results::documents::{
     DiagnosisDocument, DoctorDocument, EffectsDocument, JudgedRecords, ModelDocument, ModesDocument,
@@ -173,8 +173,8 @@ impl Watch {
 }
 
 /// Options that say where a result goes, which is the program's matter.
-const OF_THE_COMMAND: [&str; 9] =
-    ["--json", "--quiet", "--out", "--report", "--force", "--plot", "--watch", "--write", "--records"];
+const OF_THE_COMMAND: [&str; 10] =
+    ["--json", "--quiet", "--out", "--report", "--force", "--plot", "--watch", "--write", "--records", "--arviz"];
 
 /// The arguments of a command; `fixed` stands for what the program holds.
 fn parsed<A: Args>(fixed: &[String], words: &[String]) -> Result<A, Refusal> {
@@ -511,6 +511,50 @@ pub fn diagnose(
     let files = manifest.sealed(diagnosis::files(&model, (&text, &json), &changed, &found));
     let files = files.map_err(|e| Refusal::Input(vec![e.to_string()]))?;
     Ok((Answer { text, json, files, good: in_time && !found.stopped }, found))
+}
+
+/// `fdm sample` of a result in memory, over these records or over the files that it was fitted to; the draws are the file `draws.json`, in the form that
+/// ArviZ reads.
+///
+/// # Errors
+/// [`Refusal`]
+pub fn sample(
+    files: &[NamedFile],
+    mut records: Vec<Record>,
+    words: &[String],
+    watch: &Watch,
+) -> Result<Answer, Refusal> {
+    let arguments: sample::Arguments = parsed(&["result".to_string()], words)?;
+    let given = (!records.is_empty()).then(|| runs(&mut records));
+    let progress = watch.progress(&arguments.limit);
+    let drawn = arguments.draw(&kept(files)?, given, &progress)?;
+    let good = progress.in_time() && !watch.is_stopped() && drawn.document.is_good();
+    let answer = Answer::of(sample_text(&drawn.document), &drawn.document, good)?;
+    let page = fdm_report::page::sample_page(&drawn.document, &drawn.draws);
+    let files = vec![
+        ("draws.json".to_string(), as_json(&drawn.draws)?.into_bytes()),
+        ("page.html".to_string(), page.into_bytes()),
+    ];
+    Ok(Answer { files, ..answer })
+}
+
+/// `fdm study --calibration`.
+///
+/// # Errors
+/// [`Refusal`]
+pub fn calibrate(model: &Model, mut records: Vec<Record>, words: &[String], watch: &Watch) -> Result<Answer, Refusal> {
+    let fixed: Vec<String> = named(model, &records).into_iter().chain(["--calibration".to_string()]).collect();
+    let arguments: study::Arguments = parsed(&fixed, words)?;
+    let model = arguments.model.untied(model)?;
+    strictly(&model, &records, &arguments.records)?;
+    let runs = runs(&mut records);
+    let options = arguments.options(&model)?;
+    let mut progress = watch.progress(&arguments.limit);
+    let found = arguments.calibrated((&model, &runs), &options, &mut progress)?;
+    let good = progress.in_time() && !watch.is_stopped() && found.is_good();
+    let answer = Answer::of(calibration_text(&found), &found, good)?;
+    let page = fdm_report::page::calibration_page(&found);
+    Ok(Answer { files: vec![("page.html".to_string(), page.into_bytes())], ..answer })
 }
 
 /// `fdm study`: the answer, and every repeat.

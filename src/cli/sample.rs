@@ -9,6 +9,7 @@ use crate::simulate::fitted_runs;
 use clap::Args;
 use fdm_estimate::{Noise, Status};
 use fdm_lab::posterior::{Given, Posterior, SampleError, Samples, Sampling, sample};
+use fdm_report::page::sample_page;
 use fdm_report::sample_text;
 use fdm_results::documents::sample::{ArvizDocument, SampleDocument, SampledParameter};
 use fdm_results::documents::to_text;
@@ -51,8 +52,11 @@ pub(crate) struct Arguments {
     /// Write all draws to a file that ArviZ reads (`az.from_json`)
     #[arg(long, value_name = "FILE.json", help_heading = "Result")]
     arviz: Option<PathBuf>,
+    /// Write one page for a browser: parameters, traces, ranks, predictive bands
+    #[arg(long, value_name = "FILE.html", help_heading = "Result")]
+    report: Option<PathBuf>,
     #[command(flatten)]
-    limit: TimeLimit,
+    pub(crate) limit: TimeLimit,
     #[command(flatten)]
     output: Output,
     #[command(flatten)]
@@ -66,71 +70,98 @@ fn share(text: &str) -> Result<f64, String> {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
-    let quiet = arguments.output.quiet;
-    let progress = Progress::new(quiet).within(&arguments.limit);
+    let progress = Progress::new(arguments.output.quiet).within(&arguments.limit);
     let folder = ResultFolder::open(&arguments.result).or_failure()?;
-    let model = found(&folder)?;
-    if let Some(path) = arguments.arviz.as_deref().filter(|_| !arguments.overwriting.force) {
+    for path in [&arguments.arviz, &arguments.report].into_iter().flatten().filter(|_| !arguments.overwriting.force) {
         refuse_standing(path)?;
     }
-    let runs = fitted_runs(&folder, None, &model)?;
-    let (posterior, mut remarks) = posterior(&folder, &model, runs)?;
-    let sampling = Sampling {
-        chains: arguments.chains.into(),
-        draws: arguments.draws as usize,
-        warmup: arguments.warmup as usize,
-        seed: arguments.seed,
-        target: arguments.target,
-        most_depth: arguments.max_depth,
-    };
-    progress.say(&format!("sampling {} unknowns with {} chains", posterior.unknowns(), sampling.chains));
-    let halt = progress.halt();
-    let samples = sample(&posterior, &sampling, &|| halt.goes_on());
+    let drawn = arguments.draw(&folder, None, &progress);
     progress.finish();
-    let samples = match samples {
-        Ok(samples) => samples,
-        Err(e @ SampleError::NotFinite) => {
-            remark(format_args!("error: {e}"));
-            return ended(false);
-        }
-        Err(e) => return Err(Failure::input([e])),
-    };
-    let drawn = samples.chains.first().map_or(0, |c| c.values.len());
-    if drawn < 4 {
-        remark(format_args!("error: it was stopped before there were draws"));
-        return ended(false);
-    }
-    let bands = match arguments.bands {
-        true => samples.predict(&posterior, PREDICTED, sampling.seed).or_failure()?,
-        false => Vec::new(),
-    };
-    let parameters = samples.parameters();
-    let chains = samples.chains(sampling.most_depth);
-    remarks.extend(judged(&samples, &parameters, &sampling));
-    let document = SampleDocument {
-        model: model.name().into(),
-        result: folder.folder().display().to_string(),
-        draws: drawn,
-        warmup: sampling.warmup,
-        seed: sampling.seed,
-        parameters,
-        chains,
-        bands,
-        remarks: remarks.clone(),
-    };
-    let good = document.is_good();
-    let printed = arguments.output.print(|| sample_text(&document), || &document)?;
-    remarks.iter().for_each(|r| remark(format_args!("{r}")));
-    let written = arguments.arviz.as_ref().map_or(Ok(()), |path| {
-        let text = to_text(&arviz(&model, &posterior, &samples)).map_err(|e| e.to_string());
-        text.and_then(|text| write(path, text).map_err(|e| e.to_string()))
-    });
-    if let Err(e) = &written {
-        remark(format_args!("error: {e}; the result is what is printed"));
-    }
     // told in any case
     let in_time = progress.in_time();
-    ended(in_time && good && printed && written.is_ok())
+    let Drawn { document, draws } = drawn?;
+    let printed = arguments.output.print(|| sample_text(&document), || arguments.told(document.clone()))?;
+    document.remarks.iter().for_each(|r| remark(format_args!("{r}")));
+    let draws_written = arguments.arviz.as_ref().map_or(Ok(()), |path| {
+        let text = to_text(&draws).map_err(|e| e.to_string());
+        text.and_then(|text| write(path, text).map_err(|e| e.to_string()))
+    });
+    let page_written = arguments
+        .report
+        .as_ref()
+        .map_or(Ok(()), |path| write(path, sample_page(&document, &draws)).map_err(|e| e.to_string()));
+    let written = [draws_written, page_written];
+    for e in written.iter().filter_map(|w| w.as_ref().err()) {
+        remark(format_args!("error: {e}; the result is what is printed"));
+    }
+    ended(in_time && document.is_good() && printed && written.iter().all(Result::is_ok))
+}
+
+/// Draws, and what they say.
+pub(crate) struct Drawn {
+    pub(crate) document: SampleDocument,
+    pub(crate) draws: ArvizDocument,
+}
+
+impl Arguments {
+    fn sampling(&self) -> Sampling {
+        Sampling {
+            chains: self.chains.into(),
+            draws: self.draws as usize,
+            warmup: self.warmup as usize,
+            seed: self.seed,
+            target: self.target,
+            most_depth: self.max_depth,
+        }
+    }
+
+    /// Draws from the posterior of a result, over these runs or over those that it was fitted to.
+    pub(crate) fn draw(
+        &self,
+        folder: &ResultFolder,
+        runs: Option<Vec<Run>>,
+        progress: &Progress,
+    ) -> Result<Drawn, Failure> {
+        let model = found(folder)?;
+        let runs = runs.map_or_else(|| fitted_runs(folder, None, &model), Ok)?;
+        let (posterior, mut remarks) = posterior(folder, &model, runs)?;
+        let sampling = self.sampling();
+        progress.say(&format!("sampling {} unknowns with {} chains", posterior.unknowns(), sampling.chains));
+        let halt = progress.halt();
+        let samples = match sample(&posterior, &sampling, &|| halt.goes_on()) {
+            Ok(samples) => samples,
+            Err(e @ SampleError::NotFinite) => return Err(Failure::Numbers(e.to_string())),
+            Err(e) => return Err(Failure::input([e])),
+        };
+        let drawn = samples.chains.first().map_or(0, |c| c.values.len());
+        if drawn < 4 {
+            return Err(Failure::Numbers("it was stopped before there were draws".into()));
+        }
+        let bands = match self.bands || self.report.is_some() {
+            true => samples.predict(&posterior, PREDICTED, sampling.seed).or_failure()?,
+            false => Vec::new(),
+        };
+        let parameters = samples.parameters();
+        remarks.extend(judged(&samples, &parameters, &sampling));
+        let document = SampleDocument {
+            model: model.name().into(),
+            result: folder.folder().display().to_string(),
+            draws: drawn,
+            warmup: sampling.warmup,
+            seed: sampling.seed,
+            parameters,
+            chains: samples.chains(sampling.most_depth),
+            bands,
+            remarks,
+        };
+        Ok(Drawn { document, draws: arviz(&model, &posterior, &samples) })
+    }
+
+    /// What is told of draws: bands only where they were asked for.
+    fn told(&self, document: SampleDocument) -> SampleDocument {
+        let bands = if self.bands { document.bands } else { Vec::new() };
+        SampleDocument { bands, ..document }
+    }
 }
 
 /// A file that stands where draws would be written.

@@ -6,6 +6,7 @@ use crate::failure::{Ending, Failure, OrFailure, ended};
 use crate::load::{Records, band, load_model, number, read_runs};
 use crate::ownership::Overwriting;
 use clap::Args;
+use fdm_report::page::responses_page;
 use fdm_report::{response_svg, response_table};
 use fdm_results::documents::{ResponseNames, SpectraDocument};
 use fdm_system::Model;
@@ -44,6 +45,9 @@ pub(crate) struct Arguments {
     /// Draw magnitude, phase and coherence to an SVG file
     #[arg(long, value_name = "FILE.svg", help_heading = "Result")]
     plot: Option<PathBuf>,
+    /// Write one page for a browser: magnitude, phase and coherence of every pair
+    #[arg(long, value_name = "FILE.html", help_heading = "Result")]
+    report: Option<PathBuf>,
     #[command(flatten)]
     overwriting: Overwriting,
 }
@@ -62,6 +66,8 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let (found, names) = arguments.responses(&model, &runs, &channels)?;
     let printed = arguments.output.print(|| response_table(&found, &names), || SpectraDocument::of(&found, &names))?;
     arguments.plot.as_ref().map_or(Ok(()), |file| write(file, response_svg(&found, &names)))?;
+    let page = || responses_page(model.name(), &found, &names);
+    arguments.report.as_ref().map_or(Ok(()), |file| write(file, page()))?;
     ended(printed)
 }
 

@@ -1,6 +1,6 @@
 //! `fdm study`: Monte Carlo study of a fit: bias and scatter of its estimates, coverage of their intervals.
 
-use crate::deliver::{Delivery, NamedFile, Outcome, title};
+use crate::deliver::{Delivery, NamedFile, Outcome, title, write};
 use crate::failure::{Ending, Failure, OrFailure, as_json, ended, remark};
 use crate::fit::{integration_remarks, print_so_far};
 use crate::halt::{Halt, TimeLimit};
@@ -12,12 +12,16 @@ use crate::tasks::Visit;
 use clap::Args;
 use fdm_estimate::{Fit, FitOptions, Keeper, Options, fit_kept};
 use fdm_lab::job;
+use fdm_lab::posterior::{Calibration, Posterior, Ranks, SampleError, Sampling, calibrated, sample};
 use fdm_lab::study::{Bootstrap, Colour, Repeat, Study, StudyError, Watch, series};
-use fdm_report::{fit_table, repeat_columns, study_table};
+use fdm_report::page::calibration_page;
+use fdm_report::{Detail, calibration_text, fit_table, repeat_columns, study_table};
 use fdm_results::documents::FitDocument;
+use fdm_results::documents::calibration::CalibrationDocument;
 use fdm_results::store::Identity;
 use fdm_system::Model;
 use fdm_system::record::Run;
+use rayon::prelude::*;
 use serde::Serialize;
 use std::sync::Arc;
 
@@ -36,6 +40,13 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "N", default_value_t = 1000, help_heading = "Repeats",
           allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(2..=1_000_000))]
     pub(crate) repeats: u32,
+    /// Simulation-based calibration of `fdm sample` instead: ranks of the truth among draws, conditional on the records
+    #[arg(long, help_heading = "Repeats")]
+    pub(crate) calibration: bool,
+    /// Transitions in which the step and the metric of each chain of a calibration are adapted
+    #[arg(long, value_name = "N", default_value_t = 300, requires = "calibration", help_heading = "Repeats",
+          allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(20..=1_000_000))]
+    warmup: u32,
     #[command(flatten)]
     pub(crate) repetition: Repeats,
     #[command(flatten)]
@@ -69,6 +80,9 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let options = arguments.options(&model)?;
     let (colour, seed) = (arguments.colour()?, arguments.repetition.seed);
     let identity = identity(&model, runs, &options, (colour, seed));
+    if arguments.calibration {
+        return arguments.print_calibration((&model, runs), &options, &mut progress);
+    }
     // places that cannot be written are told before the work
     let prepared = arguments.delivery.prepare(&model, runs)?;
     let checkpoint = checkpoints.open(&identity, quiet)?;
@@ -106,7 +120,8 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let text = format!("{}\n\n{}", title(&first.model), study_table(&study));
     let tables = tables(&first, &study, &bootstrap, &repeats)?;
     let (model, fit, spectra, remarks) = (&first.model, Some(&first), Vec::new(), integration_remarks(&first));
-    let outcome = Outcome { model, fit, runs, spectra, tables, bands: Vec::new(), text, json, remarks, manifest };
+    let outcome =
+        Outcome { model, fit, runs, spectra, tables, bands: Vec::new(), text, whole: None, json, remarks, manifest };
     let delivered = prepared.deliver(outcome);
     let whole = checkpoint.close();
     // told in any case
@@ -117,6 +132,9 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
 impl Arguments {
     /// Makes ready what the repeats have in common, and shows them as tasks; `states` keeps the fit that is repeated.
     pub(crate) fn tasks(&self, states: &dyn Keeper, halt: &Halt, visit: Visit<'_>) -> Result<(), Failure> {
+        if self.calibration {
+            return Err(Failure::input(["--calibration is not cut into tasks; run it as one command"]));
+        }
         let model = self.model.load_for(&self.records)?;
         let runs = self.records.read(&model, true)?.runs;
         let options = self.options(&model)?;
@@ -131,6 +149,63 @@ impl Arguments {
         let bootstrap = Bootstrap::new(&first, &runs, &options, (colour, seed)).map_err(refused)?;
         let once = |k: u64, watch: &dyn Watch| bootstrap.once(k, watch);
         visit(&job::Repeats { once: &once, count: self.repeats.into() }, &identity)
+    }
+
+    /// Calibrates the sampler of the posterior of these runs.
+    pub(crate) fn calibrated(
+        &self,
+        (model, runs): (&Model, &[Run]),
+        options: &FitOptions,
+        progress: &mut Progress,
+    ) -> Result<CalibrationDocument, Failure> {
+        let first = fit_kept(model, runs, options, None, progress).or_failure()?;
+        if !first.estimate.termination.is_good() {
+            let e = StudyError::Astray { reason: first.estimate.termination.to_string() };
+            return Err(Failure::Numbers(e.to_string()));
+        }
+        let noise = options.clone().with_declared_noise(&first.model).options.noise;
+        let posterior = Posterior::of_fit(&first, runs, &noise).or_failure()?;
+        let (seed, warmup) = (self.repetition.seed, self.warmup as usize);
+        let sampling = Sampling { chains: 4, draws: 1000, warmup, seed, target: 0.8, most_depth: 10 };
+        let halt = progress.halt();
+        let goes_on = || halt.goes_on();
+        progress.say("sampling the posterior");
+        let refused = |e: SampleError| match e {
+            SampleError::NotFinite => Failure::Numbers(e.to_string()),
+            e => Failure::input([e]),
+        };
+        let samples = sample(&posterior, &sampling, &goes_on).map_err(refused)?;
+        if !samples.whole {
+            return Err(Failure::Numbers("it was stopped before there were draws".into()));
+        }
+        progress.say("calibrating");
+        let calibration = Calibration::new(&posterior, &samples, sampling);
+        let once = |k: u64| if goes_on() { calibration.once(k, &goes_on) } else { Ok(None) };
+        let repeats: Result<Vec<Option<Ranks>>, SampleError> =
+            (0..u64::from(self.repeats)).into_par_iter().map(once).collect();
+        Ok(calibrated(model.name(), seed, &samples.names, &repeats.map_err(refused)?))
+    }
+
+    /// The same as a command.
+    fn print_calibration(&self, of: (&Model, &[Run]), options: &FitOptions, progress: &mut Progress) -> Ending {
+        let places = &self.delivery.places;
+        let kept = self.delivery.plot.is_some() || !self.repetition.checkpoints.given().is_empty();
+        if places.out.is_some() || kept {
+            return Err(Failure::input([
+                "--calibration has no folder, drawing or checkpoint; --report and --json keep it",
+            ]));
+        }
+        let found = self.calibrated(of, options, progress);
+        progress.finish();
+        // told in any case
+        let in_time = progress.in_time();
+        let found = found?;
+        let printed = self.delivery.output.print(|| calibration_text(&found), || &found)?;
+        let written = places.report.as_ref().map_or(Ok(()), |path| write(path, calibration_page(&found)));
+        if let Err(e) = &written {
+            remark(format_args!("error: {e}; the result is what is printed"));
+        }
+        ended(in_time && found.is_good() && printed && written.is_ok())
     }
 
     /// The same arguments at the end of a job.
@@ -175,7 +250,7 @@ fn tables(
     csv.push('\n');
     Ok(vec![
         ("study.json".into(), as_json(study)?.into_bytes()),
-        ("fit.txt".into(), fit_table(first, false).into_bytes()),
+        ("fit.txt".into(), fit_table(first, Detail { verbose: true, ..Detail::default() }).into_bytes()),
         ("repeats.csv".into(), csv.into_bytes()),
     ])
 }

@@ -15,7 +15,8 @@ use fdm_estimate::residuals::Baseline;
 use fdm_estimate::{Fit, fit, fit_from_beginnings};
 use fdm_lab::posterior::Bands;
 use fdm_report::{
-    band_table, baseline_table, estimate_table, validation_by_frequency, validation_by_time, validation_table,
+    Detail, band_table, baseline_table, estimate_text, fit_verdict, validation_by_frequency, validation_by_time,
+    validation_table,
 };
 use fdm_results::documents::{BandCoverage, FitDocument, Validation};
 use fdm_results::store::{Identity, ResultFolder};
@@ -41,6 +42,9 @@ pub(crate) struct Arguments {
     integration: Integration,
     #[command(flatten)]
     limit: TimeLimit,
+    /// Every remark, not only the five that speak most against the result
+    #[arg(long, help_heading = "Result")]
+    verbose: bool,
     #[command(flatten)]
     delivery: Delivery,
 }
@@ -75,17 +79,23 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let covered = covered(&fit, runs, &bands);
     let baselines = fit.baselines(runs, arguments.initial_from.unwrap_or(0.0));
     remarks.extend(baselines.iter().filter_map(Baseline::beaten));
-    let text = text(&fit, &folder, (&baselines, &errors, &covered));
     let validation = Validation {
         of: folder.folder().display().to_string(),
         outputs: fit.quality.clone(),
         fitted_outputs: folder.quality().to_vec(),
-        misfit: errors,
-        bands: covered,
+        misfit: errors.clone(),
+        bands: covered.clone(),
     };
-    let json = FitDocument { validation: Some(validation), ..FitDocument::of(&fit) }.into();
+    let document = FitDocument { validation: Some(validation), ..FitDocument::of(&fit) };
+    let told = |verbose: bool| {
+        let detail = Detail { verbose, ..Detail::default() };
+        text(&fit, (&folder, &fit_verdict(&document)), (&baselines, &errors, &covered), detail)
+    };
+    let (text, whole) = (told(arguments.verbose), Some(told(true)));
+    let json = document.into();
     let (model, spectra, tables) = (&fit.model, Vec::new(), Vec::new());
-    let outcome = Outcome { model, fit: Some(&fit), runs, spectra, tables, bands, text, json, remarks, manifest };
+    let outcome =
+        Outcome { model, fit: Some(&fit), runs, spectra, tables, bands, text, whole, json, remarks, manifest };
     let delivered = prepared.deliver(outcome);
     // told in any case
     let in_time = progress.in_time();
@@ -134,10 +144,12 @@ fn covered(fit: &Fit, runs: &[Run], bands: &[Option<Bands>]) -> Vec<BandCoverage
 
 fn text(
     fit: &Fit,
-    folder: &ResultFolder,
+    (folder, verdict): (&ResultFolder, &str),
     (baselines, errors, covered): (&[Baseline], &[LackOfFit], &[BandCoverage]),
+    detail: Detail,
 ) -> String {
-    let mut text = format!("{}: validation of the result in {}\n\n", fit.model.name(), folder.folder().display());
+    let mut text = format!("{}: validation of the result in {}\n", fit.model.name(), folder.folder().display());
+    text.push_str(&format!("{}\n\n", verdict));
     text.push_str(&validation_table(&fit.quality, folder.quality()));
     text.push_str(&format!("\n{}", baseline_table(baselines)));
     if !covered.is_empty() {
@@ -149,7 +161,7 @@ fn text(
         text.push_str(&format!("\n{}\n", validation_by_frequency(errors, &time)));
         errors.iter().flat_map(|m| &m.sentences).for_each(|sentence| text.push_str(&format!("{sentence}\n")));
     }
-    text.push_str(&format!("\n{}\n", estimate_table(&fit.estimate)));
+    text.push_str(&format!("\n{}\n", estimate_text(&fit.estimate, detail)));
     text.push_str(&format!("{} after {} iterations\n", fit.estimate.termination, fit.estimate.iterations));
     text
 }

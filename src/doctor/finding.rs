@@ -206,12 +206,15 @@ impl Finding {
         self
     }
 
-    /// The odds as people read them: `e^12`, or `20 : 1` where they are small.
+    /// The odds as people read them, two digits of them: `20 : 1`. Beyond a million to one nobody tells them apart.
     pub fn odds(&self) -> String {
-        const LARGE: f64 = 6.9;
-        match self.log_odds {
-            l if l >= LARGE => format!("odds e^{l:.0}"),
-            l => format!("odds {:.0} : 1", l.exp().max(1.0)),
+        const LARGEST: f64 = 1e6;
+        match self.log_odds.exp().max(1.0) {
+            odds if odds >= LARGEST => "odds above a million : 1".into(),
+            odds => {
+                let unit = 10f64.powi((odds.log10().floor() as i32 - 1).max(0));
+                format!("odds {:.0} : 1", (odds / unit).round() * unit)
+            }
         }
     }
 }

@@ -55,7 +55,9 @@ pub use estimate::{BiasCorrection, Estimate, ParameterEstimate, RunFit, Smoothin
 pub use fdm_numeric::least_squares::Fallback as Aid;
 pub use few_samples::FewSamples;
 pub use filter_error::{FilterError, FilterFit, fit_filter};
-pub use frequency_responses::{PairFit, ResponseError, ResponseFit, ResponseOptions, Sensitivity, fit_responses};
+pub use frequency_responses::{
+    PairFit, ResponseError, ResponseFit, ResponseOptions, Sensitivity, fit_responses, responses_of_fit,
+};
 pub use identify::{Identified, IdentifyError, identify};
 pub use information::{Information, Silence};
 pub use initial::initial_guess;

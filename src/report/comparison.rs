@@ -4,7 +4,7 @@ use super::table::{aligned_right, plain, trimmed};
 use comfy_table::Table;
 use fdm_estimate::Status;
 use fdm_estimate::residuals::OutputFit;
-use fdm_results::comparison::{Candidate, Comparison, Edge, Nesting, Prediction};
+use fdm_results::comparison::{Averaged, Candidate, Comparison, Edge, Nesting, Prediction, WeightedBy};
 use fdm_results::documents::{KeptParameter, OutputDocument, digits, digits_by_error};
 
 /// Columns of results that fit beside the names of rows.
@@ -33,6 +33,9 @@ pub fn comparison_table(comparison: &Comparison) -> String {
         text.push_str(&format!("{name}: initial states and biases of the held-out runs were not found\n"));
     }
     comparison.edges.iter().for_each(|e| text.push_str(&format!("{}\n", edge(e))));
+    if let Some(averaged) = &comparison.averaged {
+        text.push_str(&format!("\n{}", average(&comparison.candidates, averaged)));
+    }
     text.push_str(&assumed(comparison));
     text
 }
@@ -84,7 +87,48 @@ fn criteria(comparison: &Comparison) -> String {
     text
 }
 
-fn nesting(n: &Nesting) -> String {
+/// What the weights of models rest on.
+pub(crate) fn weighted_by(averaged: &Averaged) -> &'static str {
+    match averaged.by {
+        WeightedBy::Validation => "weighted by their predictions of the validation data",
+        WeightedBy::Criterion => "weighted by AIC, since there are no validation data",
+    }
+}
+
+/// Weights, and averages over the models.
+fn average(candidates: &[Candidate], averaged: &Averaged) -> String {
+    let weights = candidates.iter().zip(&averaged.weights).map(|(c, w)| format!("{} {:.1} %", c.name, 100.0 * w));
+    let mut text =
+        format!("averaged over the models, {}: {}\n", weighted_by(averaged), weights.collect::<Vec<_>>().join(", "));
+    let mut table = plain(&["averaged", "run", "value", "error", "95 % interval", "in models of", "unit"]);
+    for p in &averaged.parameters {
+        let settled = digits_by_error(p.value, p.error, 3).unwrap_or(4);
+        table.add_row([
+            p.name.clone(),
+            p.run.clone().unwrap_or_default(),
+            digits(p.value, settled),
+            digits(p.error, 3),
+            format!("{} to {}", digits(p.interval[0], settled), digits(p.interval[1], settled)),
+            format!("{:.0} %", 100.0 * p.weight),
+            p.unit.clone().unwrap_or_default(),
+        ]);
+    }
+    [2, 3, 5].into_iter().for_each(|k| aligned_right(&mut table, k));
+    text.push_str(&trimmed(&table));
+    if !averaged.outputs.is_empty() {
+        let mut table = plain(&["averaged prediction", "output", "RMS", "95 % band ±", "within"]);
+        for o in &averaged.outputs {
+            let number = |v: Option<f64>| v.map_or("-".into(), |v| digits(v, 4));
+            let within = o.within.map_or("-".into(), |w| format!("{:.1} %", 100.0 * w));
+            table.add_row([o.run.clone(), o.name.clone(), number(o.rms), number(o.band), within]);
+        }
+        (2..5).for_each(|k| aligned_right(&mut table, k));
+        text.push_str(&format!("\n{}", trimmed(&table)));
+    }
+    text
+}
+
+pub(crate) fn nesting(n: &Nesting) -> String {
     let (further, (_, left)) = (n.further, n.degrees);
     let plural = if further == 1 { "parameter" } else { "parameters" };
     let pair = format!("{} beside {}: {further} further {plural}", n.richer, n.poorer);
@@ -130,7 +174,7 @@ fn parameters(candidates: &[Candidate]) -> String {
     trimmed(&table)
 }
 
-fn value(p: &KeptParameter) -> String {
+pub(crate) fn value(p: &KeptParameter) -> String {
     match (p.error(), p.status) {
         (Some(error), _) => {
             let settled = digits_by_error(p.value, error, 3).unwrap_or(4);
@@ -173,7 +217,7 @@ fn outputs(what: &str, names: &[&str], all: &[Vec<Row>]) -> String {
     trimmed(&table)
 }
 
-fn edge(e: &Edge) -> String {
+pub(crate) fn edge(e: &Edge) -> String {
     let Edge { output, best, other, advantage } = e;
     let Some(a) = advantage else {
         return format!(

@@ -8,28 +8,74 @@ use fdm_results::documents::{Remark, digits, digits_by_error, estimate_remarks, 
 /// Standard errors beyond this part of the value are worth a mark.
 const UNCERTAIN: f64 = 0.2;
 
+/// How much a table tells.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Detail {
+    /// The interval of 95 % of each parameter.
+    pub intervals: bool,
+    /// Every remark, not only the five that speak most against the result.
+    pub verbose: bool,
+}
+
 /// Parameters with standard errors, then the quality of each output, then what should not be overlooked.
 pub fn estimate_table(estimate: &Estimate) -> String {
+    estimate_text(estimate, Detail { verbose: true, ..Detail::default() })
+}
+
+/// The same with so much detail.
+pub fn estimate_text(estimate: &Estimate, detail: Detail) -> String {
     let residuals = if estimate.outputs.is_empty() { String::new() } else { output_table(&estimate.outputs) };
-    join(parameter_table(&estimate.parameters, false), residuals, &estimate_remarks(estimate))
+    join(parameter_table(&estimate.parameters, false), residuals, &estimate_remarks(estimate), detail)
 }
 
-/// The same with what the residuals say; `intervals` adds the interval of 95 %.
-pub fn fit_table(fit: &Fit, intervals: bool) -> String {
+/// The same with what the residuals say.
+pub fn fit_table(fit: &Fit, detail: Detail) -> String {
     if fit.quality.is_empty() {
-        return estimate_table(&fit.estimate);
+        return estimate_text(&fit.estimate, detail);
     }
-    join(parameter_table(&fit.estimate.parameters, intervals), residual_table(&fit.quality), &fit_remarks(fit))
+    let parameters = parameter_table(&fit.estimate.parameters, detail.intervals);
+    join(parameters, residual_table(&fit.quality), &fit_remarks(fit), detail)
 }
 
-fn join(parameters: String, residuals: String, remarks: &[Remark]) -> String {
+fn join(parameters: String, residuals: String, remarks: &[Remark], detail: Detail) -> String {
     let mut text = parameters;
     if !residuals.is_empty() {
         text.push('\n');
         text.push_str(&residuals);
     }
-    shortened(remarks).iter().for_each(|line| text.push_str(&format!("\n{line}")));
+    remark_lines(remarks, detail).iter().for_each(|line| text.push_str(&format!("\n{line}")));
     text
+}
+
+/// Remarks as lines: all of them, or the heaviest with what to do about each.
+pub(super) fn remark_lines(remarks: &[Remark], detail: Detail) -> Vec<String> {
+    if detail.verbose { shortened(remarks) } else { first(remarks) }
+}
+
+/// Remarks that are shown where not all are wanted.
+const FIRST: usize = 5;
+
+/// One line for each kind, the heaviest first: the first of its kind, how many there are like it, and what to do.
+fn first(remarks: &[Remark]) -> Vec<String> {
+    let mut kinds: Vec<(&Remark, usize)> = Vec::new();
+    for remark in remarks {
+        match kinds.iter_mut().find(|(first, _)| first.about == remark.about) {
+            Some((_, count)) => *count += 1,
+            None => kinds.push((remark, 1)),
+        }
+    }
+    kinds.sort_by_key(|(remark, _)| remark.about.rank());
+    let line = |(remark, count): &(&Remark, usize)| {
+        let alike = if *count > 1 { format!(" (and {} like it)", count - 1) } else { String::new() };
+        let advice = remark.about.advice().map_or(String::new(), |advice| format!("; {advice}"));
+        format!("{}{alike}{advice}", cut(&remark.sentence))
+    };
+    let mut lines: Vec<String> = kinds.iter().take(FIRST).map(line).collect();
+    let more = remarks.len() - kinds.len().min(FIRST);
+    if more > 0 {
+        lines.push(format!("{more} more remark{}: --verbose", if more == 1 { "" } else { "s" }));
+    }
+    lines
 }
 
 /// Remarks of one kind that are shown; JSON holds all of them.
@@ -96,7 +142,7 @@ fn value(p: &ParameterEstimate) -> String {
     if p.status == Status::Unvisited {
         return "unknown".into();
     }
-    digits(p.value, p.error().and_then(|s| digits_by_error(p.value, s, 5)).unwrap_or(5))
+    digits(p.value, p.error().and_then(|s| digits_by_error(p.value, s, 3)).unwrap_or(5))
 }
 
 /// Of the error to be trusted.
@@ -220,5 +266,23 @@ mod tests {
         let long = vec!["`parameter`"; 10_000].join(", ");
         let line = &shortened(&[remark(About::Undetermined, &long)])[0];
         assert!(line.len() < 700 && line.ends_with("`parameter`, ... (--json has the whole of it)"), "{line}");
+    }
+
+    #[test]
+    fn the_heaviest_remarks_come_first_and_say_what_to_do() {
+        let kinds = [About::Iteration, About::Correlated, About::Colour, About::Input, About::Bound, About::Table];
+        let mut all: Vec<Remark> = kinds.iter().map(|about| remark(*about, &format!("{about:?}"))).collect();
+        all.insert(2, remark(About::Correlated, "other"));
+        let lines = first(&all);
+        let expected = [
+            "Bound",
+            "Input; `fdm diagnose` looks for what is missing",
+            "Colour",
+            "Correlated (and 1 like it); fix one, give a prior, or add a run that tells them apart (`fdm design`)",
+            "Table",
+            "2 more remarks: --verbose",
+        ];
+        assert_eq!(lines, expected);
+        assert!(first(&[]).is_empty() && remark_lines(&all, Detail { verbose: true, ..Detail::default() }).len() == 7);
     }
 }

@@ -1,6 +1,6 @@
 //! A fit of frequency responses as tables and sentences, and as tables of responses.
 
-use super::estimate::parameter_table;
+use super::estimate::{Detail, parameter_table, remark_lines};
 use super::spectral::{first_values, prediction_table, trimmed_at};
 use super::table::{aligned_right, plain, trimmed};
 use fdm_estimate::{PairFit, ResponseFit};
@@ -15,14 +15,13 @@ const AS_DATA: f64 = 50.0;
 const BOUND: f64 = 20.0;
 const INSENSITIVE: f64 = 10.0;
 
-/// Parameters with standard errors, bounds and insensitivities, what every pair costs, and how well time histories are matched; `intervals` adds the
-/// interval of 95 %.
-pub fn fitted_response_table(fit: &ResponseFit, intervals: bool) -> String {
+/// Parameters with standard errors, bounds and insensitivities, what every pair costs, and how well time histories are matched.
+pub fn fitted_response_table(fit: &ResponseFit, detail: Detail) -> String {
     let mut text = format!("{}\n", band(fit));
     text.push_str(&trimmed_at(&fit.model, fit.trim.as_ref()));
     text.push_str(&first_values(&fit.starting_values));
     text.push('\n');
-    text.push_str(&parameter_table(&fit.parameters(), intervals));
+    text.push_str(&parameter_table(&fit.parameters(), detail.intervals));
     if !fit.sensitivities.is_empty() {
         text.push_str(&format!("\n{}", sensitivity_table(fit)));
     }
@@ -40,7 +39,7 @@ pub fn fitted_response_table(fit: &ResponseFit, intervals: bool) -> String {
         ));
     }
     // outputs here are decibels and degrees, about which the rest is said above
-    estimate_remarks(&fit.estimate).iter().for_each(|remark| text.push_str(&format!("\n{remark}")));
+    remark_lines(&estimate_remarks(&fit.estimate), detail).iter().for_each(|line| text.push_str(&format!("\n{line}")));
     if let Some(finish) = &fit.finish {
         text.push_str("\ntime histories, with initial states and biases of their own\n");
         text.push_str(&prediction_table(&finish.quality));

@@ -3,6 +3,7 @@
 //! **In** finished values: sources and diagnostics, fits, time histories. **Out** text: lines, tables, SVG, pages.
 //! **Never** computes, and never prints: the command line does. **Start** at [`render`] and [`fit_table`].
 
+mod calibration;
 mod comparison;
 mod confidence;
 mod design;
@@ -33,13 +34,14 @@ mod table;
 mod validation;
 mod visible;
 
+pub use calibration::calibration_text;
 pub use comparison::comparison_table;
 pub use confidence::{confidence, way};
 pub use design::{design_table, distinction_table};
 pub use diagnosis_table::diagnosis_text;
 pub use diagnostic::render;
 pub use doctor::doctor_text;
-pub use estimate::{estimate_table, fit_table, history_table, residual_table};
+pub use estimate::{Detail, estimate_table, estimate_text, fit_table, history_table, residual_table};
 pub use filter::filter_table;
 pub use fitted_responses::{fitted_response_columns, fitted_response_table};
 pub use job::job_text;
@@ -60,5 +62,6 @@ pub use starts::{starts_hint, starts_table};
 pub use study::{repeat_columns, studies_markdown, studies_text, study_table};
 pub use summary::check_text;
 pub mod page;
+pub use page::fit_verdict;
 pub use validation::{band_table, baseline_table, validation_by_frequency, validation_by_time, validation_table};
 pub use visible::visible;

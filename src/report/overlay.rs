@@ -55,6 +55,12 @@ pub fn sparkline(costs: &[f64]) -> String {
     above[above.len().saturating_sub(LATEST)..].iter().map(bar).collect()
 }
 
+/// Counts as bars over the largest.
+pub(super) fn bars(counts: &[usize]) -> String {
+    let largest = counts.iter().copied().max().unwrap_or(0).max(1);
+    counts.iter().map(|n| BARS[(n * 7).div_ceil(largest)]).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -46,7 +46,7 @@ pub fn profile_table(profiles: &[Profile]) -> String {
     text
 }
 
-fn told(end: End, settled: usize) -> String {
+pub(crate) fn told(end: End, settled: usize) -> String {
     let value = digits(end.value(), settled);
     match end {
         End::At(_) => value,
@@ -56,7 +56,7 @@ fn told(end: End, settled: usize) -> String {
     }
 }
 
-fn remark(p: &Profile, end: End, side: &str) -> String {
+pub(crate) fn remark(p: &Profile, end: End, side: &str) -> String {
     let (name, value) = (&p.name, digits(end.value(), 4));
     match end {
         End::At(_) => String::new(),
@@ -73,7 +73,7 @@ pub fn profile_svg(profiles: &[Profile]) -> String {
     stacked(&figures, Paper::Light)
 }
 
-fn figure(k: usize, profile: &Profile) -> Figure {
+pub(crate) fn figure(k: usize, profile: &Profile) -> Figure {
     let values = profile.points.iter().map(|p| p.value);
     let (low, high) = values.fold((profile.value, profile.value), |(a, b), v| (a.min(v), b.max(v)));
     let top = 1.6 * profile.rise;

@@ -9,23 +9,23 @@ use fdm_system::spectrum::FrequencyResponseEstimate;
 use std::f64::consts::TAU;
 
 /// One pair of channels as a reader wants it.
-struct Pair<'a> {
-    input: &'a str,
-    output: &'a str,
-    frequency: Vec<f64>,
+pub(crate) struct Pair<'a> {
+    pub(crate) input: &'a str,
+    pub(crate) output: &'a str,
+    pub(crate) frequency: Vec<f64>,
     /// In decibels.
     magnitude: Vec<f64>,
     /// In degrees, without jumps.
     phase: Vec<f64>,
     /// With the other inputs taken out.
-    coherence: &'a [f64],
+    pub(crate) coherence: &'a [f64],
     /// Of all inputs.
     multiple: &'a [f64],
     /// Random error of the magnitude as a part of it.
     error: &'a [f64],
 }
 
-fn pairs<'a>(found: &'a FrequencyResponseEstimate, names: &'a ResponseNames) -> Vec<Pair<'a>> {
+pub(crate) fn pairs<'a>(found: &'a FrequencyResponseEstimate, names: &'a ResponseNames) -> Vec<Pair<'a>> {
     let count = found.omega.len();
     let one = |o: usize, i: usize| {
         let at = found.pair(o, i);
@@ -45,7 +45,7 @@ fn pairs<'a>(found: &'a FrequencyResponseEstimate, names: &'a ResponseNames) -> 
 }
 
 /// Angles in degrees, each within half a turn of the last that is a number.
-fn unwrapped(angles: impl Iterator<Item = f64>) -> Vec<f64> {
+pub(crate) fn unwrapped(angles: impl Iterator<Item = f64>) -> Vec<f64> {
     let mut last: f64 = 0.0;
     let continued = |angle: f64| {
         let near = angle - 360.0 * ((angle - last) / 360.0).round();
@@ -87,7 +87,7 @@ pub fn response_svg(found: &FrequencyResponseEstimate, names: &ResponseNames) ->
     stacked(&figures, Paper::Light)
 }
 
-fn figure(k: usize, pair: &Pair<'_>, unit: &str) -> Figure {
+pub(crate) fn figure(k: usize, pair: &Pair<'_>, unit: &str) -> Figure {
     let band = |values: &[f64], error: &dyn Fn(f64) -> f64| {
         let edge = |sign: f64| values.iter().zip(pair.error).map(|(v, e)| v + sign * error(*e)).collect();
         Mark::between("one random error", Look::Bound, Shape::Band, edge(-1.0), edge(1.0))

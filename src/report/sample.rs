@@ -7,8 +7,12 @@ use fdm_results::documents::{digits, digits_by_error};
 /// Verdict, parameters, chains.
 pub fn sample_text(found: &SampleDocument) -> String {
     let total = found.draws * found.chains.len();
+    let verdict = match found.is_good() {
+        true => "the chains agree, and nothing speaks against the draws",
+        false => "not to be used yet: what speaks against the draws is said at the end",
+    };
     let mut text = format!(
-        "{}: posterior of the result in {}\n{} chains of {} draws ({total} in all), {} before them, seed {}\n\n",
+        "{}: posterior of the result in {}\n{verdict}\n{} chains of {} draws ({total} in all), {} before them, seed {}\n\n",
         found.model,
         found.result,
         found.chains.len(),

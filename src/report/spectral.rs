@@ -1,6 +1,6 @@
 //! A fit in the frequency domain as tables and sentences, and as a table of spectra.
 
-use super::estimate::{output_table, parameter_table};
+use super::estimate::{Detail, output_table, parameter_table, remark_lines};
 use super::table::{aligned_right, plain, trimmed};
 use fdm_estimate::residuals::OutputQuality;
 use fdm_estimate::{SpectralFit, StartingValue, UnobservableMode};
@@ -10,21 +10,20 @@ use fdm_system::linear::{Obtained, Trim};
 use fdm_system::model::Model;
 use std::f64::consts::TAU;
 
-/// Parameters with standard errors, what became of nonlinear terms, and how well spectra and time histories are matched; `intervals` adds
-/// the interval of 95 %.
-pub fn spectral_table(fit: &SpectralFit, intervals: bool) -> String {
+/// Parameters with standard errors, what became of nonlinear terms, and how well spectra and time histories are matched.
+pub fn spectral_table(fit: &SpectralFit, detail: Detail) -> String {
     let mut text = format!("{}\n", band(fit));
     text.push_str(&nonlinear(fit));
     text.push_str(&first_values(&fit.starting_values));
     text.push('\n');
-    text.push_str(&parameter_table(&fit.parameters(), intervals));
+    text.push_str(&parameter_table(&fit.parameters(), detail.intervals));
     if !fit.ends.is_empty() {
         text.push_str(&format!("({} end values of states in all runs were found with them)\n", fit.ends.len()));
     }
     if !fit.estimate.outputs.is_empty() {
         text.push_str(&format!("\nspectra, real and imaginary parts\n{}", output_table(&fit.estimate.outputs)));
     }
-    spectral_remarks(fit).iter().for_each(|remark| text.push_str(&format!("\n{remark}")));
+    remark_lines(&spectral_remarks(fit), detail).iter().for_each(|line| text.push_str(&format!("\n{line}")));
     if !fit.dependent.is_empty() {
         let outputs = fit.dependent.join(", ");
         text.push_str(&format!(

@@ -18,11 +18,16 @@ const MODEL: &str = "model decay \"first order with an offset of the gauge\" {
 
 /// x' = -2 x + 3 u under a held square wave, exactly, with noise of 0.05.
 fn record(seed: u64, bias: f64, samples: usize) -> String {
+    moved_by(|n| (0.11 * n).sin(), seed, bias, samples)
+}
+
+/// The same under the sign of another input, of the number of the sample.
+fn moved_by(input: fn(f64) -> f64, seed: u64, bias: f64, samples: usize) -> String {
     let (k, g, dt) = (2.0, 3.0, 0.05);
     let (mut x, mut noise) = (0.0_f64, Normal(seed));
     let mut rows = String::from("t [s],u,y\n");
     for n in 0..samples {
-        let u = if (0.11 * n as f64).sin() > 0.0 { 1.0 } else { -1.0 };
+        let u = if input(n as f64) > 0.0 { 1.0 } else { -1.0 };
         rows.push_str(&format!("{},{u},{}\n", dt * n as f64, x + bias + 0.05 * noise.next()));
         x = (x - g / k * u) * (-k * dt).exp() + g / k * u;
     }
@@ -151,4 +156,105 @@ fn draws_agree_with_the_fit_where_that_is_normal_and_arviz_reads_them() {
     assert_eq!(with("1"), with("2"));
     let (code, _, error) = ran(&desk, &split("sample result --arviz draws.json"));
     assert!(code == 2 && error.contains("exists already"), "{error}");
+    let page = "sample result --chains 2 --draws 400 --warmup 200 --seed 5 --report page.html";
+    let (_, text, _) = ran(&desk, &split(page));
+    assert!(text.lines().nth(1).unwrap().starts_with("the chains agree"), "{text}");
+    let page = desk.text("page.html");
+    for part in ["Traces and ranks", "id=\"trace-1\"", "id=\"ranks-2\"", "id=\"prediction-1\"", "95 % of measurements"]
+    {
+        assert!(page.contains(part), "{part}");
+    }
+}
+
+#[test]
+fn ranks_of_a_calibration_are_uniform_and_depend_on_the_seed_alone() {
+    let desk = Desk::with([("model.fdm", MODEL)]);
+    desk.write("one.csv", record(1, 0.3, 30));
+    let words = "study model.fdm --data one.csv --zoh u --calibration --repeats 20 --seed 3 --warmup 100 -q";
+    let with = |more: &str| ran(&desk, &split(&format!("{words} {more}")));
+    let (code, text, error) = with("--json --report ranks.html --threads 2");
+    assert!(code == 0, "{text}{error}");
+    let found = json(&text);
+    assert_eq!(found["done"], 20);
+    // k, g, bias, noise; every repeat has a rank
+    let parameters = found["parameters"].as_array().unwrap();
+    assert_eq!(parameters.len(), 4, "{found}");
+    for p in parameters {
+        let counts = p["counts"].as_array().unwrap();
+        assert_eq!(counts.iter().filter_map(Value::as_u64).sum::<u64>(), 20, "{p}");
+        assert!(p["p"].as_f64().unwrap() > 1e-3, "{p}");
+    }
+    assert_eq!(with("--json --threads 1").1, text);
+    assert!(desk.text("ranks.html").contains("The ranks are uniform"));
+    let (code, _, error) = with("--out folder");
+    assert!(code == 2 && error.contains("--report and --json keep it"), "{error}");
+}
+
+#[test]
+fn results_are_averaged_by_their_predictions() {
+    let desk = desk();
+    let richer = MODEL.replace("+ g*u;", "+ g*u - c*x*abs(x);").replace("param bias", "param c = 0 [1/s]; param bias");
+    desk.write("richer.fdm", richer);
+    desk.good("fit richer.fdm --data one.csv --zoh u --out richer -q");
+    let found = json(&desk.good("compare result richer --data two.csv --zoh u --json --report page.html -q"));
+    let averaged = &found["averaged"];
+    assert_eq!(averaged["by"], "validation", "{averaged}");
+    let weights: Vec<f64> = averaged["weights"].as_array().unwrap().iter().filter_map(Value::as_f64).collect();
+    assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-9 && weights.iter().all(|w| *w > 0.01), "{weights:?}");
+    let of =
+        |name: &str| averaged["parameters"].as_array().unwrap().iter().find(|p| p["name"] == name).cloned().unwrap();
+    let number = |v: &Value| v.as_f64().unwrap();
+    let [k, c] = ["k", "c"].map(of);
+    assert!((number(&k["weight"]) - 1.0).abs() < 1e-9 && (number(&c["weight"]) - weights[1]).abs() < 1e-9);
+    assert!(number(&k["interval"][0]) < 2.0 && 2.0 < number(&k["interval"][1]), "{k}");
+    // wider than where the structure is taken for certain
+    let chosen = json(&desk.text("result/result.json"));
+    let alone = chosen["parameters"].as_array().unwrap().iter().find(|p| p["name"] == "k").cloned().unwrap();
+    let error = alone["corrected_error"].as_f64().unwrap_or_else(|| number(&alone["standard_error"]));
+    assert!(number(&k["error"]) > error, "{k} {alone}");
+    let output = &averaged["outputs"][0];
+    assert!(number(&output["within"]) > 0.88 && (0.03..0.08).contains(&number(&output["rms"])), "{output}");
+    let page = desk.text("page.html");
+    assert!(page.contains("Averaged over the models") && page.contains("Validation data"), "{}", page.len());
+    let found = json(&desk.good("compare result richer --json -q"));
+    assert_eq!(found["averaged"]["by"], "criterion", "{}", found["averaged"]);
+    let text = desk.good("compare result richer -q");
+    assert!(text.contains("averaged over the models, weighted by AIC"), "{text}");
+}
+
+#[test]
+fn the_terminal_tells_the_verdict_first_and_pages_show_responses() {
+    let desk = desk();
+    let text = desk.good("fit model.fdm --data one.csv --zoh u -q");
+    assert!(text.lines().nth(1).unwrap().starts_with("The fit converged"), "{text}");
+    assert!(desk.good("fit model.fdm --data one.csv --zoh u -q --verbose").len() >= text.len());
+    // a square wave whose frequency rises
+    desk.write("sweep.csv", moved_by(|n| (n * (0.02 + 4e-5 * n)).sin(), 3, 0.1, 3000));
+    desk.good("fit model.fdm --data sweep.csv --zoh u --out swept -q");
+    desk.good("report swept -o page.html");
+    let page = desk.text("page.html");
+    assert!(page.contains("Frequency responses") && page.contains("id=\"response-1\""));
+    let bode = json(&desk.text("swept/result.json"))["bode"].clone();
+    let pair = &bode[0];
+    assert!(pair["output"] == "y" && pair["input"] == "u", "{bode}");
+    // 3/(s + 2), where it is coherent
+    let column = |name: &str| pair[name].as_array().unwrap().iter().filter_map(Value::as_f64).collect::<Vec<f64>>();
+    let [frequency, decibels, model, coherence] = ["frequency", "decibels", "model_decibels", "coherence"].map(column);
+    let mut seen = 0;
+    for k in (0..frequency.len()).filter(|k| coherence[*k] > 0.95) {
+        let w = std::f64::consts::TAU * frequency[k];
+        let truth = 20.0 * (3.0 / (w * w + 4.0).sqrt()).log10();
+        assert!(
+            (decibels[k] - truth).abs() < 2.0 && (model[k] - truth).abs() < 2.0,
+            "{w}: {} {} {truth}",
+            decibels[k],
+            model[k]
+        );
+        seen += 1;
+    }
+    assert!(seen >= 3, "{coherence:?}");
+    desk.good("profile model.fdm --data one.csv --zoh u --parameter k --report profile.html -q");
+    assert!(desk.text("profile.html").contains("id=\"profile-1\""));
+    desk.good("spectra model.fdm --data one.csv --report spectra.html -q");
+    assert!(desk.text("spectra.html").contains("id=\"response-1\""));
 }

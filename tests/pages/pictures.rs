@@ -1,4 +1,4 @@
-//! The pictures of docs/reference/page.md: three pages in a browser, light and dark, on a desk and on a phone.
+//! The pictures of docs/reference/page.md: pages in a browser, light and dark, on a desk and on a phone.
 //!
 //! Needs Chromium and writes docs/pictures; `cargo test -p fdm-tests --test pages pictures -- --ignored` makes them anew.
 #![cfg(unix)]
@@ -9,8 +9,12 @@ use std::fs;
 use std::process::Command;
 use support::Desk;
 
+/// Results that pages are made from.
+const RESULTS: [&str; 1] = ["fit models/lynx_hare/model.fdm --data models/lynx_hare/run.csv --out lynx"];
 /// Name, and the command that makes the page.
-const PAGES: [(&str, &str); 3] = [
+const PAGES: [(&str, &str); 5] = [
+    ("posterior", "sample lynx --chains 4 --draws 500 --warmup 300"),
+    ("profile", "profile models/lynx_hare/model.fdm --data models/lynx_hare/run.csv"),
     ("fit", "fit models/trex550/coupled.fdm --data models/trex550/first_half.csv"),
     (
         "diagnosis",
@@ -76,16 +80,15 @@ fn pages_are_seen_light_and_dark_on_a_desk_and_on_a_phone() {
     let desk = Desk::new();
     // names of files on the pages are those of the documentation
     std::os::unix::fs::symlink(here.join("models"), desk.path("models")).unwrap();
+    let run = |words: &str, more: &[&str]| {
+        let mut command = support::fdm();
+        let output = command.args(words.split(' ')).arg("-q").args(more).current_dir(desk.folder()).output().unwrap();
+        assert!(matches!(output.status.code(), Some(0 | 1)), "{words}: {}", String::from_utf8_lossy(&output.stderr));
+    };
+    RESULTS.iter().for_each(|words| run(words, &[]));
     let mut sum = 0;
     for (name, words) in PAGES {
-        let mut command = support::fdm();
-        let output = command
-            .args(words.split(' '))
-            .args(["-q", "--report", &format!("{name}.html")])
-            .current_dir(desk.folder())
-            .output()
-            .unwrap();
-        assert!(matches!(output.status.code(), Some(0 | 1)), "{words}: {}", String::from_utf8_lossy(&output.stderr));
+        run(words, &["--report", &format!("{name}.html")]);
         for (window, width, height, scale) in WINDOWS {
             for (theme, paper) in PAPERS {
                 let picture = seen(&desk, name, theme, (width, height, scale));

@@ -30,6 +30,14 @@ pub(super) fn weight(coherence: f64) -> f64 {
     (1.58 * (1.0 - fdm_grammar::math::exp(-coherence * coherence))).powi(2)
 }
 
+/// The cost of errors in decibels and degrees at so many coherences; NaN of none.
+pub(super) fn cost_of(errors: &[(f64, [f64; 2])]) -> f64 {
+    let one = |(coherence, off): &(f64, [f64; 2])| {
+        weight(*coherence) * off.iter().zip(COSTS).map(|(e, cost)| cost * e * e).sum::<f64>()
+    };
+    FACTOR * errors.iter().map(one).sum::<f64>() / errors.len() as f64
+}
+
 /// One output to one input at the frequencies that are coherent.
 #[derive(Debug, Clone)]
 pub(super) struct Pair {

@@ -14,7 +14,7 @@ const LENGTHS: usize = 2;
 /// Periods of the highest frequency that the shortest of them holds.
 const PERIODS: f64 = 10.0;
 /// Part of a segment that the next one shares.
-const OVERLAP: f64 = 0.75;
+pub(super) const OVERLAP: f64 = 0.75;
 /// Most frequencies: products of all pairs of them are formed for the errors.
 const MOST: f64 = 2_000.0;
 

@@ -7,12 +7,14 @@
 
 use super::coordinates::{Free, Freed, Units};
 use super::nuts::Density;
-use fdm_estimate::DerivedQuantities;
-use fdm_grammar::model::Prior;
+use crate::study::reached;
+use fdm_estimate::{DerivedQuantities, Fit, Noise as Deviations};
+use fdm_grammar::model::{Prior, Quantity};
 use fdm_numeric::elementary::log;
+use fdm_numeric::random::Stream;
 use fdm_system::Model;
 use fdm_system::record::Run;
-use fdm_system::simulate::{Block, Simulator, Steps, Unsuited};
+use fdm_system::simulate::{Block, Simulator, Steps, Unsuited, choose_steps};
 
 /// What is unknown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -59,6 +61,8 @@ enum Noise {
 pub struct Posterior {
     model: Model,
     runs: Vec<Run>,
+    /// Of each run the first that has its own parameters: itself, unless it is a replicate.
+    owner: Vec<usize>,
     steps: Vec<Steps>,
     unknowns: Vec<Unknown>,
     /// All parameters of each run at the start (p).
@@ -145,7 +149,60 @@ impl Posterior {
             DerivedQuantities::of(with.definition(), with.dynamics()).names.iter().map(|n| n.per_run).collect();
         let each = |run: usize| derived_per_run.iter().enumerate().filter(move |(_, own)| **own || run == 0);
         let derived = (0..runs.len()).flat_map(|run| each(run).map(move |(k, _)| (k, run))).collect();
-        Ok(Self { model: with, runs, steps, unknowns, theta, noise: kinds, derived, derived_per_run, start })
+        let owner = (0..runs.len()).collect();
+        Ok(Self { model: with, runs, owner, steps, unknowns, theta, noise: kinds, derived, derived_per_run, start })
+    }
+
+    /// That of a fit of these runs by output error; noise is known as far as it was given.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn of_fit(fit: &Fit, runs: &[Run], given: &Deviations) -> Result<Self, Unsuited> {
+        let estimated = fit.estimate.noise.as_ref();
+        let known =
+            |k: usize| if let Deviations::Given(given) = given { given.get(k).copied().flatten() } else { None };
+        let one = |k: usize| match known(k) {
+            Some(deviation) => (deviation, true),
+            None => (estimated.map_or(1.0, |c| c.at(k, k).sqrt()), false),
+        };
+        let theta = reached(&fit.model, runs, &fit.estimate);
+        let chosen = |r: usize| match fit.integration.get(r) {
+            Some(found) => Ok(found.steps.clone()),
+            None => choose_steps(fit.model.dynamics(), &runs[r], &theta[r]).map(|found| found.steps),
+        };
+        let steps = (0..runs.len()).map(chosen).collect::<Result<_, _>>()?;
+        let noise = (0..fit.model.layout().outputs).map(one).collect();
+        Self::new(Given { model: &fit.model, runs: runs.to_vec(), steps, theta, noise })
+    }
+
+    /// The posterior of these runs and of replicates: the same runs as the model at coordinates u and its noise would have measured them. None where
+    /// the response diverges.
+    pub(super) fn replicated(&self, u: &[f64], stream: &mut Stream) -> Result<Option<Self>, Unsuited> {
+        let mut evaluator = self.evaluator()?;
+        let (mut y, mut deviation) = (Vec::new(), Vec::new());
+        let mut both = self.runs.clone();
+        for (r, run) in self.runs.iter().enumerate() {
+            if !evaluator.predict(u, r, &mut y, &mut deviation) {
+                return Ok(None);
+            }
+            let mut again = run.clone();
+            for ((z, y), s) in again.measured.iter_mut().zip(&y).zip(&deviation).filter(|((z, _), _)| !z.is_nan()) {
+                *z = y + s * stream.normal();
+            }
+            both.push(again);
+        }
+        Ok(Some(Self {
+            model: self.model.clone(),
+            runs: both,
+            owner: self.owner.repeat(2),
+            steps: [&self.steps[..], &self.steps].concat(),
+            unknowns: self.unknowns.clone(),
+            theta: [&self.theta[..], &self.theta].concat(),
+            noise: self.noise.clone(),
+            derived: self.derived.clone(),
+            derived_per_run: self.derived_per_run.clone(),
+            start: self.start.clone(),
+        }))
     }
 
     /// Number of unknowns.
@@ -196,7 +253,7 @@ impl Posterior {
         }
         let mut quantities = DerivedQuantities::of(self.model.definition(), self.model.dynamics());
         let mut row = vec![0.0; quantities.names.len()];
-        for run in 0..self.runs.len() {
+        for run in (0..self.runs.len()).filter(|run| self.owner[*run] == *run) {
             let mut theta = self.theta[run].clone();
             for (unknown, value) in self.unknowns.iter().zip(&values) {
                 match unknown.kind {
@@ -210,6 +267,11 @@ impl Posterior {
             values.extend(own);
         }
         values
+    }
+
+    /// What an output is called.
+    pub(super) fn output(&self, output: usize) -> &Quantity {
+        &self.model.definition().outputs[output].quantity
     }
 
     /// The runs.
@@ -229,7 +291,7 @@ impl Posterior {
             simulators.push(Simulator::new(self.model.dynamics(), run, steps.clone())?);
             let mine = self.unknowns.iter().enumerate().filter_map(|(g, u)| match u.kind {
                 Kind::Param(k, None) => Some((false, k, g)),
-                Kind::Param(k, Some(own)) if own == r => Some((true, k, g)),
+                Kind::Param(k, Some(own)) if own == self.owner[r] => Some((true, k, g)),
                 _ => None,
             });
             let mut mine: Vec<(bool, usize, usize)> = mine.collect();
@@ -273,10 +335,9 @@ impl Evaluator<'_> {
         for ((unknown, u), freed) in self.posterior.unknowns.iter().zip(u).zip(&mut self.freed) {
             *freed = unknown.free.at(*u);
             if let Kind::Param(k, run) = unknown.kind {
-                match run {
-                    Some(run) => self.theta[run][k] = freed.value,
-                    None => self.theta.iter_mut().for_each(|theta| theta[k] = freed.value),
-                }
+                let owner = &self.posterior.owner;
+                let all = self.theta.iter_mut().zip(owner).filter(|(_, own)| run.is_none_or(|run| run == **own));
+                all.for_each(|(theta, _)| theta[k] = freed.value);
             }
         }
     }

@@ -1,11 +1,12 @@
 //! What is known after a fit beyond its estimates: bands of predictions ([`Predicted`]), and draws from the posterior ([`sample`]).
 //!
 //! **In** a model, runs, estimates. **Out** [`Bands`]; [`Samples`] with their diagnostics. **Never** estimates. The sampler: `nuts` moves in the units of
-//! `coordinates`, whose density is that of `density`; `sample` runs several chains, `convergence` judges them.
+//! `coordinates`, whose density is that of `density`; `sample` runs several chains, `convergence` judges them, `calibration` the sampler itself.
 
 mod bands;
 #[cfg(test)]
 mod bands_tests;
+mod calibration;
 mod convergence;
 mod coordinates;
 mod density;
@@ -15,5 +16,6 @@ mod sample;
 mod tests;
 
 pub use bands::{BandError, Bands, Errors, Predicted};
+pub use calibration::{Calibration, Ranks, calibrated};
 pub use density::{Given, Posterior, SampledName};
 pub use sample::{Chain, SampleError, Samples, Sampling, sample};

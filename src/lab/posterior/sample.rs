@@ -49,7 +49,7 @@ pub enum SampleError {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Chain {
     /// Coordinates of the draws (draws by unknowns), for predictions.
-    u: Vec<Vec<f64>>,
+    pub(super) u: Vec<Vec<f64>>,
     /// Values of the unknowns (draws by unknowns).
     pub values: Vec<Vec<f64>>,
     stats: Vec<Transition>,
@@ -337,9 +337,12 @@ impl Samples {
                 let column = |all: &mut Vec<Vec<f64>>, share: f64| -> Vec<Option<f64>> {
                     (0..run.len()).map(|k| edge(&mut all[k * q + o], share)).collect()
                 };
+                let quantity = posterior.output(o);
                 bands.push(PredictiveBand {
                     run: run.name.clone(),
                     output: o,
+                    name: quantity.name.clone(),
+                    unit: quantity.unit.as_ref().map(ToString::to_string),
                     time: run.time.clone(),
                     response: [0.025, 0.5, 0.975].map(|share| column(&mut responses, share)),
                     measurement: [0.025, 0.5, 0.975].map(|share| column(&mut measured, share)),

@@ -31,6 +31,8 @@ pub struct Plan {
     trimmed: bool,
     manoeuvres: Vec<Manoeuvre>,
     places: Vec<Option<Place>>,
+    /// Why no manoeuvre is flown.
+    grounded: Option<String>,
 }
 
 /// A plan at work: one for each thread.
@@ -59,7 +61,17 @@ impl Plan {
         let flies = requirements.measures.iter().any(|m| flown(&m.what));
         // a manoeuvre begins at the trim where the text has one
         let trimmed = flies && !definition.trim.is_empty();
-        let mut linear = if linear_needed || trimmed { Some(LinearModel::new(model)?) } else { None };
+        let rest = if trimmed { Some(LinearModel::at_rest(model)) } else { None };
+        let grounded = match &rest {
+            Some(Err(e)) => Some(format!("a manoeuvre begins at the trim; {e}")),
+            _ => None,
+        };
+        let trimmed = trimmed && grounded.is_none();
+        let mut linear = match rest {
+            Some(Ok(linear)) => Some(linear),
+            _ if linear_needed => Some(LinearModel::new(model)?),
+            _ => None,
+        };
         let solved = match &mut linear {
             Some(linear) if trimmed => {
                 linear.evaluate(theta, &mut Values::default())?;
@@ -70,6 +82,10 @@ impl Plan {
         let slopes = definition.inputs.iter().enumerate().filter_map(|(k, i)| Some((k as u32, i.slope?.of))).collect();
         let (mut groups, mut places) = (Vec::<(f64, Driven, Vec<Target>)>::new(), Vec::new());
         for measure in &requirements.measures {
+            if grounded.is_some() && flown(&measure.what) {
+                places.push(None);
+                continue;
+            }
             let (duration, driven, targets) = match &measure.what {
                 What::Course { signal, duration, drives, of } => {
                     let other = if let OfCourse::Reached(other, _) = of { Some(other.target) } else { None };
@@ -112,6 +128,7 @@ impl Plan {
             trimmed,
             manoeuvres,
             places,
+            grounded,
             requirements,
         }))
     }
@@ -251,6 +268,10 @@ impl Bench<'_> {
                 }
                 let flight = &mut self.flights[place.manoeuvre];
                 list.push(flown(flight, &measure.what, (theta, &solved), columns));
+                continue;
+            }
+            if let (What::Course { .. } | What::Zigzag { .. }, Some(why)) = (&measure.what, &plan.grounded) {
+                list.push(Measured::missing(why.clone()));
                 continue;
             }
             let Some(structure) = &structure else {

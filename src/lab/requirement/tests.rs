@@ -198,6 +198,29 @@ fn a_reactor_converts_from_its_initial_state_and_a_trim_moves_with_the_parameter
 }
 
 #[test]
+fn an_input_that_the_trim_leaves_open_has_the_value_that_keeps_it() {
+    // no coefficient depends on the throttle: it is solved for all the same, and moves with the parameters
+    let found = measured(
+        "model b { input throttle; state u = 2; param drag = 0.3, push = 4, cruise = 3 fixed; der(u) = push*throttle - drag*u;
+        output y = u; trim { u = cruise; } requirement after = at(u, 4, step(throttle, 0.2)), there = at(u, 4, step(throttle, 0)); }",
+    );
+    let far = 4.0 * 0.2 / 0.3;
+    near(&found, "after", 3.0 + far * (1.0 - (-0.3f64 * 4.0).exp()), 1e-6);
+    near(&found, "there", 3.0, 1e-9);
+    // nothing is open that could keep it: the manoeuvres are refused in words, modes are not
+    let m = model(
+        "model b { input throttle; state u = 2, v = 1; param drag = 0.3, push = 4; der(u) = push*throttle - drag*u; der(v) = throttle - v;
+        output y = u; trim { u = 3; v = 0; } requirement after = at(u, 4, step(throttle, 0.2)), lag = time_to_half(u); }",
+    );
+    let theta = m.definition().start();
+    let plan = Plan::new(&m, &theta, &columns(&m)).unwrap().unwrap();
+    let found = plan.bench().unwrap().measure(&theta, true);
+    let why = found[0].missing.clone().unwrap_or_default();
+    assert!(why.contains("begins at the trim; no trim was found: the rate") && why.contains("`throttle`"), "{why}");
+    assert!((found[1].value - 2f64.ln() / 0.3).abs() < 1e-12 && found[1].gradient[0].is_finite());
+}
+
+#[test]
 fn what_does_not_exist_is_said_and_the_rest_stays() {
     let m = model(
         "model m { input u; state x; param a = 1, k = 2; der(x) = -a*x + k*u; output y = x;

@@ -124,7 +124,7 @@ fn subjects(estimate: &Estimate) -> Vec<Subject> {
 }
 
 /// All parameters of each run at the estimates.
-pub(super) fn reached(model: &Model, runs: &[Run], estimate: &Estimate) -> Vec<Vec<f64>> {
+pub(crate) fn reached(model: &Model, runs: &[Run], estimate: &Estimate) -> Vec<Vec<f64>> {
     let mut all = starts(model, runs, &Changes::default());
     for (theta, run) in all.iter_mut().zip(runs) {
         for (value, param) in theta.iter_mut().zip(&model.definition().params) {

@@ -18,6 +18,7 @@ mod system;
 mod tests;
 
 pub use bootstrap::Bootstrap;
+pub(crate) use bootstrap::reached;
 pub use fdm_results::documents::profile::{End, Point, Profile};
 pub use fdm_results::documents::study::{
     Colour, Coverage, Figure, Interval, Kind, Pooled, Repeat, Share, Study, Subject,

@@ -92,13 +92,18 @@ pub(super) fn judgement((trust, sentence, points): Verdict, facts: Option<String
 /// What speaks against a result, the heaviest first, each with the section that shows it.
 fn remarks(fit: &FitDocument) -> Vec<(String, &'static str)> {
     let mut remarks: Vec<&Remark> = fit.remarks.iter().collect();
-    remarks.sort_by_key(|r| weight(r.about).0);
-    remarks.iter().map(|r| (capital(&r.sentence), weight(r.about).1)).collect()
+    remarks.sort_by_key(|r| r.about.rank());
+    remarks.iter().map(|r| (capital(&r.sentence), place(r.about))).collect()
 }
 
 fn judged(fit: &FitDocument) -> Verdict {
     let (trust, sentence) = of_fit(fit);
     (trust, sentence, Vec::new())
+}
+
+/// How a fit ended and whether anything speaks against it, in a sentence.
+pub fn fit_verdict(fit: &FitDocument) -> String {
+    of_fit(fit).1
 }
 
 fn of_fit(fit: &FitDocument) -> (Trust, String) {
@@ -115,10 +120,7 @@ fn of_fit(fit: &FitDocument) -> (Trust, String) {
     let bounds = fit.remarks.iter().filter(|r| r.about == About::Bound).count();
     match (bounds, fit.remarks.len()) {
         (0, 0) => (Trust::Good, format!("{what} converged, and nothing speaks against the result.")),
-        (0, 1) => {
-            (Trust::Reserved, format!("{what} converged. One thing should be known before the numbers are used:"))
-        }
-        (0, _) => (Trust::Reserved, format!("{what} converged. What should be known before the numbers are used:")),
+        (0, _) => (Trust::Reserved, format!("{what} converged; read the remarks below before the numbers are used.")),
         (1, _) => (Trust::Reserved, format!("{what} converged with a parameter at its bound.")),
         (n, _) => (Trust::Reserved, format!("{what} converged with {n} parameters at their bounds.")),
     }
@@ -147,20 +149,23 @@ fn facts(subject: &Subject) -> Option<String> {
     ))
 }
 
-/// How heavy a kind of remark weighs, and the section where it can be seen.
-fn weight(about: About) -> (usize, &'static str) {
+/// The section where what a remark is about can be seen.
+fn place(about: About) -> &'static str {
     match about {
-        About::Undetermined => (0, "parameters"),
-        About::Bound | About::Few => (1, "parameters"),
-        About::Offset => (2, "residuals"),
-        About::Input => (3, "residuals"),
-        About::Colour | About::Noise => (4, "residuals"),
-        About::Drawn | About::Intervals => (5, "parameters"),
-        About::Correlated => (6, "correlations"),
-        About::Prior => (7, "parameters"),
-        About::Table => (7, "tables"),
-        About::Iteration => (8, "convergence"),
-        About::NoNoise | About::Untested | About::NotMeasured | About::Bridged => (9, "residuals"),
+        About::Undetermined | About::Bound | About::Few | About::Drawn | About::Intervals | About::Prior => {
+            "parameters"
+        }
+        About::Correlated => "correlations",
+        About::Table => "tables",
+        About::Iteration => "convergence",
+        About::Offset
+        | About::Input
+        | About::Colour
+        | About::Noise
+        | About::NoNoise
+        | About::Untested
+        | About::NotMeasured
+        | About::Bridged => "residuals",
     }
 }
 

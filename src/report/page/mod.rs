@@ -6,6 +6,8 @@
 //! own; `figure` (what is drawn) -> `drawing` (as SVG, for readers without scripts and for paper) -> `raster` (as pixels), and `figure.js`
 //! (zoom, crosshair); `picture` is a drawing without axes that could be moved.
 
+mod calibration;
+mod comparison;
 mod convergence;
 mod correlations;
 mod diagnosis;
@@ -21,6 +23,7 @@ mod modes;
 mod number;
 mod parameters;
 mod picture;
+mod profile;
 mod progress;
 #[cfg(feature = "png")]
 mod raster;
@@ -28,6 +31,8 @@ mod regression;
 mod reproduction;
 mod requirements;
 mod residuals;
+mod responses;
+mod sample;
 mod scale;
 mod section;
 mod shapes;
@@ -39,11 +44,17 @@ mod surfaces;
 mod table;
 mod thinning;
 
+pub use calibration::calibration_page;
+pub use comparison::comparison_page;
 pub use doctor::doctor_page;
 pub use document::{Drawing, drawings, page};
 pub use drawing::Paper;
+pub use headline::fit_verdict;
 pub use job::job_page;
+pub use profile::profile_page;
 pub use progress::duration;
 #[cfg(feature = "png")]
 pub use raster::RasterError;
+pub use responses::responses_page;
+pub use sample::sample_page;
 pub use subject::{Subject, SubjectError};

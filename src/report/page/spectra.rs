@@ -14,11 +14,22 @@ const DECIBELS: f64 = 8.685_889_638;
 const DEGREES: f64 = 57.295_779_513;
 /// Figures that are drawn.
 const MOST: usize = 40;
+/// The same behind time histories: paper is short.
+const IN_TIME: usize = 16;
 
 pub(super) fn section(subject: &Subject) -> Option<Section> {
     let figures = figures(subject);
     if figures.is_empty() {
         return None;
+    }
+    if let Some(fit) = subject.fit().filter(|fit| !fit.bode.is_empty()) {
+        let content = html! {
+            p { "What the runs show, and the model's response over the same time, estimated by the same windows. "
+                "Bars are two random errors, as the coherence tells them." }
+            div.pair { @for figure in &figures { (figure.markup()) } }
+            @if fit.bode.len() > IN_TIME { p.note { (fit.bode.len() - IN_TIME) " more pairs are in " code { "result.json" } ", " code { "bode" } "." } }
+        };
+        return Some(Section::new("spectra", "Frequency responses", content));
     }
     let content = match compared(subject).filter(|document| !document.pairs.is_empty()) {
         None => html! {
@@ -33,9 +44,11 @@ pub(super) fn section(subject: &Subject) -> Option<Section> {
 /// Of every pair, or of every output of every run.
 pub(super) fn figures(subject: &Subject) -> Vec<Figure> {
     let unit = subject.frequency();
+    let in_time = subject.fit().into_iter().flat_map(|fit| fit.bode.iter().take(IN_TIME));
     let of_pairs = compared(subject)
         .into_iter()
         .flat_map(|document| &document.pairs)
+        .chain(in_time)
         .enumerate()
         .map(|(k, p)| response(k, p, &unit));
     let of_runs = subject.spectra.iter().enumerate().flat_map(|(k, (run, table))| of_run(k, run, table, &unit));
@@ -93,22 +106,31 @@ fn response(k: usize, p: &Pair, unit: &str) -> Figure {
         Panel { label: label.into(), height: 130, logarithmic: false, marks: vec![bars, model, dots] }
     };
     let coherence = Mark::line("coherence", Look::Input, p.coherence.clone());
+    let (degrees, model_degrees) = continued(&p.degrees, &p.model_degrees);
     Figure {
         id: format!("response-{}", k + 1),
         group: "responses".into(),
         caption: format!("{}/{}: cost {}", p.output, p.input, shown(p.cost, 3)),
-        label: format!("frequency [{unit}]"),
+        label: format!("frequency [{unit}], × 2π in rad"),
         logarithmic: true,
         at: p.frequency.clone(),
         panels: vec![
             panel("magnitude [dB]", (&p.decibels, &p.model_decibels), DECIBELS),
-            panel("phase [deg]", (&p.degrees, &p.model_degrees), DEGREES),
+            panel("phase [deg]", (&degrees, &model_degrees), DEGREES),
             Panel { label: "coherence".into(), height: 70, logarithmic: false, marks: vec![coherence] },
         ],
         names: Vec::new(),
         half: true,
         samples: None,
     }
+}
+
+/// Measured degrees without jumps of a whole turn, and those of the model nearest to them.
+fn continued(measured: &[f64], modelled: &[f64]) -> (Vec<f64>, Vec<f64>) {
+    let smooth = crate::response::unwrapped(measured.iter().copied());
+    let nearest = |(v, to): (&f64, &f64)| v + 360.0 * ((to - v) / 360.0).round();
+    let own = modelled.iter().zip(&smooth).map(nearest).collect();
+    (smooth, own)
 }
 
 fn of_run(k: usize, run: &str, table: &Table, unit: &str) -> Vec<Figure> {

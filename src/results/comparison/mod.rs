@@ -3,13 +3,15 @@
 //! **In** results that were written ([`ResultFolder`](crate::store::ResultFolder)) and runs that none of them was fitted to. **Out**
 //! [`Comparison`]: criteria where the costs are of the same data, tests of models of which one holds the other, predictions and whether
 //! their differences could be chance. **Never** compares what cannot be compared: it says why. **Start** at [`compare`];
-//! `candidate` (a result) -> `criteria` -> `nesting` -> `prediction`.
+//! `candidate` (a result) -> `criteria` -> `nesting` -> `prediction` -> `averaging`.
 
+mod averaging;
 mod candidate;
 mod criteria;
 mod nesting;
 mod prediction;
 
+pub use averaging::{Averaged, AveragedOutput, AveragedParameter, WeightedBy};
 pub use candidate::Candidate;
 pub use criteria::Criteria;
 pub use nesting::Nesting;
@@ -31,6 +33,9 @@ pub struct Comparison {
     pub predictions: Vec<Prediction>,
     /// Squared residuals of the best prediction beside those of the others.
     pub edges: Vec<Edge>,
+    /// Parameters and predictions averaged over the models; none where nothing tells their weights.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub averaged: Option<Averaged>,
 }
 
 /// Compares results; the first is what the others are measured by.
@@ -41,13 +46,15 @@ pub fn compare(mut candidates: Vec<Candidate>) -> Comparison {
     }
     let inflation = criteria::judge(&mut candidates);
     let nestings = nesting::nestings(&candidates, inflation);
-    Comparison { candidates, inflation, nestings, predictions: Vec::new(), edges: Vec::new() }
+    let averaged = Averaged::of(&candidates, &[], inflation);
+    Comparison { candidates, inflation, nestings, predictions: Vec::new(), edges: Vec::new(), averaged }
 }
 
 impl Comparison {
     /// Adds what was predicted of runs that were held out, in the order of the results.
     pub fn with_predictions(mut self, predictions: Vec<Prediction>) -> Self {
         self.edges = prediction::edges(&predictions);
+        self.averaged = Averaged::of(&self.candidates, &predictions, self.inflation);
         self.predictions = predictions;
         self
     }

@@ -3,6 +3,7 @@
 use crate::store::ResultFolder;
 use fdm_estimate::residuals::{Advantage, OutputFit, advantage};
 use fdm_estimate::{Fit, FitError, Observer, fit};
+use fdm_numeric::statistics::normal_quantile;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use serde::{Deserialize, Serialize};
@@ -21,6 +22,20 @@ pub struct Prediction {
     /// Residuals by run and output.
     #[serde(skip)]
     residuals: Vec<(String, String, Vec<f64>)>,
+    /// The same with their bands, as far as these are known.
+    #[serde(skip)]
+    pub(super) predicted: Vec<PredictedOutput>,
+}
+
+/// An output of a run that was predicted.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct PredictedOutput {
+    pub(super) run: String,
+    pub(super) name: String,
+    /// Measured less predicted (N).
+    pub(super) residual: Vec<f64>,
+    /// Half width of the 95 % band of measurements (N).
+    pub(super) half: Vec<f64>,
 }
 
 /// The best prediction of an output beside another one.
@@ -36,7 +51,7 @@ pub struct Edge {
     pub advantage: Option<Advantage>,
 }
 
-/// Predicts runs by a result.
+/// Predicts runs by a result; the fit that was made for it, too.
 ///
 /// # Errors
 /// [`FitError`], as any fit in the time domain.
@@ -46,24 +61,27 @@ pub fn predict(
     model: &Model,
     runs: &[Run],
     observer: &mut dyn Observer,
-) -> Result<Prediction, FitError> {
+) -> Result<(Prediction, Fit), FitError> {
     let mut options = folder.validation(model);
     options.options.colour = false;
-    let Fit { model, estimate, .. } = fit(model, runs, &options, observer)?;
-    let outputs = &model.definition().outputs;
+    let found = fit(model, runs, &options, observer)?;
+    let estimate = &found.estimate;
+    let outputs = &found.model.definition().outputs;
     let q = outputs.len();
     let of_run = |run: &fdm_estimate::RunFit| {
         let column = |o: usize| run.residuals.iter().skip(o).step_by(q).copied().collect();
         let named = outputs.iter().enumerate();
         named.map(|(o, output)| (run.run.clone(), output.quantity.name.clone(), column(o))).collect::<Vec<_>>()
     };
-    Ok(Prediction {
+    let prediction = Prediction {
         name: name.into(),
         own_parameters: estimate.covered.len(),
         converged: estimate.termination.is_good(),
         residuals: estimate.runs.iter().flat_map(of_run).collect(),
-        outputs: estimate.outputs,
-    })
+        outputs: estimate.outputs.clone(),
+        predicted: Vec::new(),
+    };
+    Ok((prediction, found))
 }
 
 /// For every output of the first result the best prediction beside each other one.
@@ -90,6 +108,40 @@ pub(super) fn edges(predictions: &[Prediction]) -> Vec<Edge> {
 }
 
 impl Prediction {
+    /// Adds the half widths of the 95 % bands of measurements (N by q), run by run in the order of the runs; none of a run without.
+    #[must_use]
+    pub fn with_bands(mut self, bands: &[Option<Vec<f64>>]) -> Self {
+        let outputs = self.residuals.len() / bands.len().max(1);
+        let one = |(k, (run, name, residual)): (usize, &(String, String, Vec<f64>))| {
+            let own = bands.get(k / outputs.max(1)).and_then(Option::as_ref);
+            let half =
+                own.map_or(Vec::new(), |b| b.iter().skip(k % outputs.max(1)).step_by(outputs).copied().collect());
+            PredictedOutput { run: run.clone(), name: name.clone(), residual: residual.clone(), half }
+        };
+        self.predicted = self.residuals.iter().enumerate().map(one).collect();
+        self
+    }
+
+    /// Logarithms of the densities of what was measured, summed over so many blocks of each run; none where a band is not known.
+    pub(super) fn densities(&self, blocks: usize) -> Option<Vec<f64>> {
+        let wide = normal_quantile(0.975);
+        let mut runs: Vec<&str> = Vec::new();
+        let mut sums: Vec<f64> = Vec::new();
+        for output in self.predicted.iter().filter(|p| p.residual.iter().any(|v| !v.is_nan())) {
+            let at = runs.iter().position(|run| *run == output.run).unwrap_or_else(|| {
+                runs.push(&output.run);
+                sums.resize(runs.len() * blocks, 0.0);
+                runs.len() - 1
+            });
+            let n = output.residual.len();
+            for (k, left) in output.residual.iter().enumerate().filter(|(_, v)| !v.is_nan()) {
+                let deviation = output.half.get(k).filter(|h| h.is_finite() && **h > 0.0)? / wide;
+                sums[at * blocks + k * blocks / n] -= deviation.ln() + 0.5 * (left / deviation).powi(2);
+            }
+        }
+        (!sums.is_empty()).then_some(sums)
+    }
+
     /// Mean square of what is left of an output; NaN where there is none.
     fn square(&self, output: &str) -> f64 {
         let own = self.residuals.iter().filter(|(_, name, _)| name == output);

@@ -1,7 +1,7 @@
 //! A fit, whichever way the model was compared with the records.
 
 use super::doctor::JudgedRecords;
-use super::frequency::{FrequencyDomain, FrequencyResponses, TimeDomain};
+use super::frequency::{FrequencyDomain, FrequencyResponses, Pair, TimeDomain};
 use super::json::present;
 use super::modes::ModesDocument;
 use super::outputs::OutputDocument;
@@ -145,6 +145,9 @@ pub struct FitDocument {
     /// Requirements of the model as it was found; left out where it has none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub requirements: Vec<Assessment>,
+    /// Frequency responses of a fit in the time domain, measured and modelled; left out where its runs show none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub bode: Vec<Pair>,
 }
 
 /// How an iteration ended, in one word.
@@ -413,6 +416,7 @@ impl FitDocument {
             validation: None,
             modes: None,
             requirements: Vec::new(),
+            bode: Vec::new(),
             records: None,
         }
     }

@@ -27,6 +27,7 @@ pub(crate) mod specimen;
 #[cfg(test)]
 mod tests;
 
+pub mod calibration;
 pub mod design;
 pub mod profile;
 pub mod reproduction;

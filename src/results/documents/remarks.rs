@@ -48,6 +48,47 @@ pub enum About {
     Bridged,
 }
 
+impl About {
+    /// In which order remarks are told: what speaks most against a result first.
+    pub fn rank(self) -> usize {
+        match self {
+            Self::Undetermined => 0,
+            Self::Bound | Self::Few => 1,
+            Self::Offset => 2,
+            Self::Input => 3,
+            Self::Colour | Self::Noise => 4,
+            Self::Drawn | Self::Intervals => 5,
+            Self::Correlated => 6,
+            Self::Prior | Self::Table => 7,
+            Self::Iteration => 8,
+            Self::NoNoise | Self::Untested | Self::NotMeasured | Self::Bridged => 9,
+        }
+    }
+
+    /// What to do about it, where the sentence does not say so itself.
+    pub fn advice(self) -> Option<&'static str> {
+        Some(match self {
+            Self::Undetermined => "fix some of them, give a prior, or add a run that excites them",
+            Self::Prior => "a run that excites it would tell more (`fdm design`)",
+            Self::Correlated => "fix one, give a prior, or add a run that tells them apart (`fdm design`)",
+            Self::Offset => "declare one, `per run`",
+            Self::Input => "`fdm diagnose` looks for what is missing",
+            Self::Iteration => "better start values or bounds make it safer (`--starts 8` looks for others)",
+            Self::NoNoise => "say what the noise is (`--noise OUTPUT=DEVIATION`)",
+            Self::NotMeasured => "look at its column, its map and its mask",
+            Self::Table
+            | Self::Bound
+            | Self::Few
+            | Self::Intervals
+            | Self::Drawn
+            | Self::Colour
+            | Self::Noise
+            | Self::Untested
+            | Self::Bridged => return None,
+        })
+    }
+}
+
 /// What should not be overlooked.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize, Serialize)]
 pub struct Remark {

@@ -2,6 +2,7 @@
 
 use super::doctor::JudgedRecords;
 use super::fit::{FitDocument, Matrix};
+use super::frequency::Pair;
 use super::json::{from_text, to_text};
 use super::modes::ModesDocument;
 use super::regression::RegressionDocument;
@@ -153,10 +154,23 @@ impl ResultDocument {
         }
     }
 
+    /// Whether it is a fit in the time domain whose responses were simulated, not predicted from sample to sample.
+    pub fn is_simulated(&self) -> bool {
+        let elsewhere = |fit: &FitDocument| fit.frequency_domain.is_some() || fit.frequency_responses.is_some();
+        self.fit().is_some_and(|fit| !elsewhere(fit) && fit.deviations.is_none())
+    }
+
     /// Adds the requirements of the model as it was found, where it has such.
     pub fn set_requirements(&mut self, requirements: Option<Vec<Assessment>>) {
         if let Self::Fit(fit) = self {
             fit.requirements = requirements.unwrap_or_default();
+        }
+    }
+
+    /// Adds the frequency responses that a fit in the time domain shows.
+    pub fn set_bode(&mut self, bode: Vec<Pair>) {
+        if let Self::Fit(fit) = self {
+            fit.bode = bode;
         }
     }
 

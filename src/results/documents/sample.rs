@@ -54,6 +54,10 @@ pub struct PredictiveBand {
     pub run: String,
     /// The output, by its place in the model.
     pub output: usize,
+    /// Its name.
+    pub name: String,
+    /// Its unit.
+    pub unit: Option<String>,
     /// Times (N).
     pub time: Vec<f64>,
     /// Of the response.

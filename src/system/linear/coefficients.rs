@@ -79,7 +79,19 @@ impl LinearModel {
     pub fn near(model: &Model, recorded: &Recorded) -> Result<Self, TrimError> {
         let definition = model.definition();
         let theta = definition.start();
-        let found = found(definition, &theta, recorded)?;
+        let found = found(definition, &theta, recorded, Need::Coefficients)?;
+        Ok(Self::at(definition, found, theta))
+    }
+
+    /// The same, with every state and input that the equations determine solved for, even where no coefficient depends on them: where a manoeuvre
+    /// begins.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn at_rest(model: &Model) -> Result<Self, TrimError> {
+        let definition = model.definition();
+        let theta = definition.start();
+        let found = found(definition, &theta, &Recorded::default(), Need::Rest)?;
         Ok(Self::at(definition, found, theta))
     }
 
@@ -280,6 +292,15 @@ impl Recorded {
     }
 }
 
+/// What a trim is looked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Need {
+    /// The coefficients: what none of them depends on is left alone.
+    Coefficients,
+    /// The states and inputs themselves.
+    Rest,
+}
+
 /// A linearisation with the unknowns that the equations determine, and their values.
 struct Found {
     linearisation: Linearisation,
@@ -293,9 +314,9 @@ const MOST_HELD: (usize, usize) = (32, 8);
 
 /// Looks for the trim: from the start values; then with open states held at them, one and two at a time, those first that the equations that
 /// will not vanish depend on most (a rate of turn at zero); then with the recorded inputs held at their means.
-fn found(model: &fdm_grammar::Model, theta: &[f64], recorded: &Recorded) -> Result<Found, TrimError> {
+fn found(model: &fdm_grammar::Model, theta: &[f64], recorded: &Recorded, need: Need) -> Result<Found, TrimError> {
     let nothing = Recorded::default();
-    let lost = match sought(model, theta, &nothing) {
+    let lost = match sought(model, theta, &nothing, need) {
         Ok(found) => return Ok(found),
         Err(lost) => lost,
     };
@@ -308,7 +329,7 @@ fn found(model: &fdm_grammar::Model, theta: &[f64], recorded: &Recorded) -> Resu
         }
         // where all that matters is held, nothing says that the rates vanish
         let solved = |found: &Found| matches!(found.obtained, Obtained::Initial | Obtained::Solved);
-        let found = sought(&model, theta, recorded).ok().filter(solved)?;
+        let found = sought(&model, theta, recorded, need).ok().filter(solved)?;
         Some(Found { assumed: held.iter().map(|(signal, _)| *signal).collect(), ..found })
     };
     if model.states.len() <= MOST_HELD.0 {
@@ -357,7 +378,7 @@ struct Lost {
 }
 
 /// Looks for the trim at what is given, else by solving for the states that are not given, else for the inputs too.
-fn sought(model: &fdm_grammar::Model, theta: &[f64], recorded: &Recorded) -> Result<Found, Lost> {
+fn sought(model: &fdm_grammar::Model, theta: &[f64], recorded: &Recorded, need: Need) -> Result<Found, Lost> {
     let given = |s: &Signal| model.trim.iter().any(|(g, _)| g == s);
     let states = (0..model.states.len() as u32).map(Signal::State).filter(|s| !given(s)).collect::<Vec<_>>();
     let declared = (0..model.inputs.len() as u32).filter(|k| model.inputs[*k as usize].is_declared());
@@ -365,7 +386,7 @@ fn sought(model: &fdm_grammar::Model, theta: &[f64], recorded: &Recorded) -> Res
     let both: Vec<Signal> = states.iter().copied().chain(inputs).collect();
     let known = Linearisation::new(model, &[]);
     let all = Linearisation::new(model, &both);
-    if all.by_unknown.is_empty() {
+    if both.is_empty() || all.by_unknown.is_empty() && need == Need::Coefficients {
         let obtained = if depends(model) { Obtained::Given } else { Obtained::NotNeeded };
         return Ok(Found { linearisation: known, z: Vec::new(), obtained, assumed: Vec::new() });
     }

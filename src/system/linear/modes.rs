@@ -76,8 +76,10 @@ impl Modes {
             roots
         };
         let mut modes = Vec::new();
-        for root in roots.ok_or(ModesError::NotFound)? {
-            let mode = mode(&equation, structure, values, &root);
+        let roots = roots.ok_or(ModesError::NotFound)?;
+        let largest = roots.iter().map(|r| r.s.norm()).fold(0.0, f64::max);
+        for root in roots {
+            let mode = mode(&equation, structure, values, (&root, largest));
             let mirror = (root.s.im != 0.0).then(|| mode.conjugate());
             modes.push(mode);
             modes.extend(mirror);
@@ -91,7 +93,8 @@ impl Modes {
     }
 }
 
-fn mode(equation: &Characteristic, structure: &Structure, values: &Values, root: &Root) -> Mode {
+/// The mode of a root; `largest` is the size of the largest root, of whose rounding a root at zero is made.
+fn mode(equation: &Characteristic, structure: &Structure, values: &Values, (root, largest): (&Root, f64)) -> Mode {
     let slopes = root.simple.then(|| equation.root_slopes(structure, values, root.s, &root.x, &root.y));
     let shares: Vec<f64> = root.x.iter().zip(&root.y).map(|(x, y)| (y.conj() * x).norm()).collect();
     let sum: f64 = shares.iter().sum();
@@ -100,7 +103,8 @@ fn mode(equation: &Characteristic, structure: &Structure, values: &Values, root:
     states.retain(|(_, share)| share.is_finite());
     states.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
     // what rounding leaves of a part that is zero
-    let part = |v: f64| if v.abs() <= 4.0 * f64::EPSILON * root.s.norm() { 0.0 } else { v };
+    let rounding = f64::EPSILON * (4.0 * root.s.norm()).max(largest);
+    let part = |v: f64| if v.abs() <= rounding { 0.0 } else { v };
     let shape = scaled(&root.x);
     let [shown, moved] = [shown(structure, values, root), moved(structure, values, root)].map(|v| v || !root.simple);
     Mode { s: Complex64::new(part(root.s.re), part(root.s.im)), states, shape, shown, moved, slopes }

@@ -1,0 +1,63 @@
+//! The page of profiles: the interval of each parameter by the cost beside that by its error, and the rise of the cost over it.
+
+use super::document::{Head, frame};
+use super::headline::judgement;
+use super::number::shown;
+use super::section::{Section, Trust};
+use crate::profile::{figure, remark, told};
+use fdm_results::documents::digits_by_error;
+use fdm_results::documents::profile::{End, Profile};
+use maud::{Markup, html};
+
+/// A page of profiles of a model's parameters.
+pub fn profile_page(model: &str, profiles: &[Profile]) -> String {
+    let figures: Vec<_> = profiles.iter().enumerate().map(|(k, profile)| figure(k, profile)).collect();
+    let sections = vec![
+        Section::new("intervals", "Intervals", table(profiles)),
+        Section::new(
+            "profiles",
+            "Rise of the cost",
+            html! {
+                p { "Where the cost lies on the parabola, the interval by the error is right. The limit is what chance explains in 95 of 100 records." }
+                div.pair { @for figure in &figures { (figure.markup()) } }
+            },
+        ),
+    ];
+    let ends =
+        || profiles.iter().flat_map(|p| p.ends.iter().zip(["left", "right"]).map(move |(end, side)| (p, *end, side)));
+    let points: Vec<(String, &'static str)> = ends()
+        .map(|(p, end, side)| remark(p, end, side))
+        .filter(|said| !said.is_empty())
+        .map(|said| (said.trim_end().to_string(), "intervals"))
+        .collect();
+    let (trust, sentence) = match points.is_empty() {
+        true => (Trust::Good, "Every interval ends where the cost has risen by what chance explains."),
+        false => (Trust::Reserved, "Some intervals do not end where the cost has risen enough:"),
+    };
+    let verdict = judgement((trust, sentence.into(), points), None, &["intervals"]);
+    frame(&Head { kind: "profile likelihood", name: model, doc: None, verdict }, &sections)
+}
+
+fn table(profiles: &[Profile]) -> Markup {
+    let reach = |p: &Profile, end: End| (end.value() - p.value).abs() / p.reach();
+    html! {
+        div.scroll { table {
+            thead { tr {
+                th { "parameter" } th.number { "value" } th.number { "error" } th.number { "95 % by error" } th.number { "95 % by cost" }
+                th.number { "below" } th.number { "above" } th { "unit" }
+            } }
+            tbody { @for p in profiles {
+                @let digits = digits_by_error(p.value, p.error, 3).unwrap_or(3);
+                tr {
+                    th scope="row" { code { (p.name) } }
+                    td.number { (shown(p.value, digits)) } td.number { (shown(p.error, 3)) }
+                    td.number { (shown(p.value - p.reach(), digits)) " to " (shown(p.value + p.reach(), digits)) }
+                    td.number { (told(p.ends[0], digits)) " to " (told(p.ends[1], digits)) }
+                    td.number { (format!("{:.2}", reach(p, p.ends[0]))) } td.number { (format!("{:.2}", reach(p, p.ends[1]))) }
+                    td { (p.unit.as_deref().unwrap_or_default()) }
+                }
+            } }
+        } }
+        p.note { "Below and above: how far the interval by the cost reaches, over that by the error." }
+    }
+}
