@@ -31,6 +31,7 @@ mod study;
 mod summary;
 mod table;
 mod validation;
+mod verification;
 mod visible;
 
 pub use comparison::comparison_table;
@@ -61,4 +62,5 @@ pub use study::{repeat_columns, studies_markdown, studies_text, study_table};
 pub use summary::check_text;
 pub mod page;
 pub use validation::{band_table, baseline_table, validation_by_frequency, validation_by_time, validation_table};
+pub use verification::verification_table;
 pub use visible::visible;
