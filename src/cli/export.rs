@@ -7,6 +7,7 @@ use crate::modes::with_estimates;
 use crate::ownership::Overwriting;
 use clap::{Args, ValueEnum};
 use fdm_exchange::fmu::{self, Contents, Version};
+use fdm_exchange::jsbsim::system;
 use fdm_exchange::source::source;
 use fdm_exchange::state_space::StateSpace;
 use fdm_grammar::emit::{Elementary, Language};
@@ -50,6 +51,8 @@ enum To {
     Rust,
     /// State space as JSON, for python-control and SciPy
     Control,
+    /// System of JSBSim
+    Jsbsim,
 }
 
 /// The model with the values that it is used with, and standard errors by name: those of a run of a result, where one is given.
@@ -83,6 +86,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         }
         To::C => source(&model, &Language::C).or_failure()?,
         To::Rust => source(&model, &Language::Rust(Elementary::Path("libm".into()))).or_failure()?,
+        To::Jsbsim => system(&model).or_failure()?,
         To::Control => {
             let found = StateSpace::of(&model).or_failure()?;
             if !found.delays.is_empty() {

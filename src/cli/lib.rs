@@ -87,7 +87,7 @@ enum Verb {
     Doctor(doctor::Arguments),
     /// List candidate effects for a model: the catalogue, and where each effect fits
     Effects(effects::Arguments),
-    /// Write a model or a result for other tools: functional mock-up unit, C, Rust, state space
+    /// Write a model or a result for other tools: functional mock-up unit, C, Rust, state space, JSBSim
     Export(export::Arguments),
     /// Write effects into a model's own text, and print what changes
     Extend(effects::Extend),

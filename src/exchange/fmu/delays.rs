@@ -1,6 +1,7 @@
 //! The past of signals that are seen delayed ([`Past`]); part of a unit's state.
 //!
-//! Inputs are linear on each piece, states cubic by their rates at both ends (Hermite). Before the start inputs have their first value
+//! Inputs are linear on each piece. States are cubic by their rates at both ends (Hermite), and of degree 5 where the middle of the
+//! piece is known too. Before the start inputs have their first value
 //! and states their initial one, as in a simulation of fdm.
 
 use fdm_grammar::graph::Signal;
@@ -20,17 +21,19 @@ struct Track {
     first: usize,
     /// Values before the start.
     before: Vec<f64>,
+    /// Whether rows at the beginning were left out.
+    left_out: bool,
 }
 
 impl Track {
     fn new(kept: Vec<usize>, values: usize) -> Self {
         let width = 2 + values * kept.len();
-        Self { before: vec![0.0; kept.len()], kept, width, rows: Vec::new(), first: 0 }
+        Self { before: vec![0.0; kept.len()], kept, width, rows: Vec::new(), first: 0, left_out: false }
     }
 
     fn begin(&mut self, values: &[f64]) {
         self.rows.clear();
-        self.first = 0;
+        (self.first, self.left_out) = (0, false);
         for (before, k) in self.before.iter_mut().zip(&self.kept) {
             *before = values[*k];
         }
@@ -58,6 +61,7 @@ impl Track {
     fn forget(&mut self, before: f64) {
         while self.first + 1 < self.count() && self.row(self.first)[1] < before {
             self.first += 1;
+            self.left_out = true;
         }
         if self.first > 64 && 2 * self.first > self.count() {
             self.rows.drain(..self.first * self.width);
@@ -65,7 +69,7 @@ impl Track {
         }
     }
 
-    /// The piece that holds a time.
+    /// The piece that holds a time; none where the values before the start count, or where that piece was left out.
     fn at(&self, s: f64) -> Option<&[f64]> {
         let (mut low, mut high) = (self.first, self.count());
         while low < high {
@@ -83,8 +87,6 @@ pub(super) struct Past {
     states: Track,
     /// When the run began.
     start: f64,
-    /// Since when nothing is left out.
-    since: f64,
     /// Times at which a signal that is seen delayed may bend or jump.
     kinks: Vec<f64>,
 }
@@ -127,7 +129,7 @@ impl Past {
         };
         let inputs = kept(&|s| if let Signal::Input(k) = *s { Some(k) } else { None });
         let states = kept(&|s| if let Signal::State(k) = *s { Some(k) } else { None });
-        Self { inputs: Track::new(inputs, 2), states: Track::new(states, 4), ..Self::default() }
+        Self { inputs: Track::new(inputs, 2), states: Track::new(states, 6), ..Self::default() }
     }
 
     /// Whether it is of the same signals, and whole.
@@ -151,7 +153,7 @@ impl Past {
     pub(super) fn begin(&mut self, t: f64, inputs: &[f64], states: &[f64]) {
         self.inputs.begin(inputs);
         self.states.begin(states);
-        (self.start, self.since) = (t, t);
+        self.start = t;
         self.kinks.clear();
         self.kinks.push(t);
     }
@@ -161,9 +163,9 @@ impl Past {
         self.inputs.push((piece.from, piece.to), &[piece.first, piece.last]);
     }
 
-    /// Adds a piece of the states, with the rates at its ends.
-    pub(super) fn states(&mut self, piece: Open<'_>, rates: [&[f64]; 2]) {
-        self.states.push((piece.from, piece.to), &[piece.first, piece.last, rates[0], rates[1]]);
+    /// Adds a piece of the states, with the rates at its ends, and how it bends away from their cubic ([`bends`]).
+    pub(super) fn states(&mut self, piece: Open<'_>, rates: [&[f64]; 2], bends: [&[f64]; 2]) {
+        self.states.push((piece.from, piece.to), &[piece.first, piece.last, rates[0], rates[1], bends[0], bends[1]]);
     }
 
     /// A signal may bend or jump here.
@@ -183,7 +185,6 @@ impl Past {
     pub(super) fn forget(&mut self, before: f64) {
         self.inputs.forget(before);
         self.states.forget(before);
-        self.since = self.since.max(before);
         self.kinks.retain(|kink| *kink >= before);
     }
 
@@ -211,8 +212,9 @@ impl Past {
         if s < self.start {
             return Some(Seen { value: if vanishing { 0.0 } else { before }, ..Seen::default() });
         }
-        self.kept(s)?;
-        let Some(row) = self.inputs.at(s) else { return Some(Seen { value: before, ..Seen::default() }) };
+        let Some(row) = self.inputs.at(s) else {
+            return (!self.inputs.left_out).then_some(Seen { value: before, ..Seen::default() });
+        };
         let (length, a, b) = (row[1] - row[0], row[2 + slot], row[2 + count + slot]);
         let part = ((s - row[0]) / length).min(1.0);
         Some(Seen { value: a + part * (b - a), slope: (b - a) / length, now: 0.0 })
@@ -236,21 +238,29 @@ impl Past {
         if s < self.start {
             return Some(Seen { value: before, ..Seen::default() });
         }
-        self.kept(s)?;
-        let Some(row) = self.states.at(s) else { return Some(Seen { value: before, ..Seen::default() }) };
-        let [a, b, f, g] = [0, 1, 2, 3].map(|part| row[2 + part * count + slot]);
+        let Some(row) = self.states.at(s) else {
+            return (!self.states.left_out).then_some(Seen { value: before, ..Seen::default() });
+        };
+        let [a, b, f, g, c0, c1] = [0, 1, 2, 3, 4, 5].map(|part| row[2 + part * count + slot]);
         let h = row[1] - row[0];
         let p = ((s - row[0]) / h).min(1.0);
         let (q, c) = (p * p, p * p * p);
-        let value = (2.0 * c - 3.0 * q + 1.0) * a + (3.0 * q - 2.0 * c) * b + h * ((c - 2.0 * q + p) * f + (c - q) * g);
-        let slope = 6.0 * (q - p) * (a - b) / h + (3.0 * q - 4.0 * p + 1.0) * f + (3.0 * q - 2.0 * p) * g;
+        let cubic = (2.0 * c - 3.0 * q + 1.0) * a + (3.0 * q - 2.0 * c) * b + h * ((c - 2.0 * q + p) * f + (c - q) * g);
+        let along = 6.0 * (q - p) * (a - b) / h + (3.0 * q - 4.0 * p + 1.0) * f + (3.0 * q - 2.0 * p) * g;
+        let (bump, beside) = (q * (1.0 - p) * (1.0 - p), c0 + c1 * (p - 0.5));
+        let value = cubic + bump * beside;
+        let slope = along + (2.0 * p * (1.0 - p) * (1.0 - 2.0 * p) * beside + bump * c1) / h;
         Some(Seen { value, slope, now: 0.0 })
     }
+}
 
-    /// Whether this part of the past is kept.
-    fn kept(&self, s: f64) -> Option<()> {
-        (s >= self.since || self.since == self.start).then_some(())
-    }
+/// How a state bends away from the cubic of its ends, as the polynomial of degree 5 that has this value and rate in the middle:
+/// `p^2 (1 - p)^2 (c0 + c1 (p - 1/2))` is added at the part p of the piece. `ends` are the values and rates at both ends.
+pub(super) fn bends(h: f64, ends: [f64; 4], (middle, rate): (f64, f64)) -> [f64; 2] {
+    let [a, b, f, g] = ends;
+    let value = 0.5 * (a + b) + 0.125 * h * (f - g);
+    let slope = 1.5 * (b - a) - 0.25 * h * (f + g);
+    [16.0 * (middle - value), 16.0 * (h * rate - slope)]
 }
 
 #[cfg(test)]
@@ -266,12 +276,12 @@ mod tests {
     #[test]
     fn cubics_and_lines_are_seen_as_they_are_and_what_was_left_out_is_told() {
         let (f, g) = (|t: f64| 1.0 - t + t * t * t, |t: f64| 3.0 * t * t - 1.0);
-        let mut past = Past { inputs: Track::new(vec![1], 2), states: Track::new(vec![0], 4), ..Past::default() };
+        let mut past = Past { inputs: Track::new(vec![1], 2), states: Track::new(vec![0], 6), ..Past::default() };
         past.begin(0.0, &[9.0, 5.0], &[f(0.0)]);
         for k in 0..200 {
             let (a, b) = (f64::from(k) * 0.5, f64::from(k + 1) * 0.5);
             past.inputs(Open { from: a, to: b, first: &[9.0, a], last: &[9.0, b] });
-            past.states(Open { from: a, to: b, first: &[f(a)], last: &[f(b)] }, [&[g(a)], &[g(b)]]);
+            past.states(Open { from: a, to: b, first: &[f(a)], last: &[f(b)] }, [&[g(a)], &[g(b)]], [&[0.0]; 2]);
         }
         let now =
             |x: &'static [f64]| Now { inputs: still(100.0, &[9.0, 100.0]), states: still(100.0, x), rates: &[0.0] };
@@ -295,8 +305,26 @@ mod tests {
     }
 
     #[test]
+    fn polynomials_of_degree_5_are_seen_as_they_are() {
+        let f = |t: f64| 1.0 + t - t.powi(2) + 0.3 * t.powi(4) - 0.2 * t.powi(5);
+        let g = |t: f64| 1.0 - 2.0 * t + 1.2 * t.powi(3) - t.powi(4);
+        let (from, to) = (0.5, 2.1);
+        let (h, middle) = (to - from, 0.5 * (from + to));
+        let [c0, c1] = bends(h, [f(from), f(to), g(from), g(to)], (f(middle), g(middle)));
+        let mut past = Past { inputs: Track::new(vec![], 2), states: Track::new(vec![0], 6), ..Past::default() };
+        past.begin(from, &[], &[f(from)]);
+        let piece = Open { from, to, first: &[f(from)], last: &[f(to)] };
+        past.states(piece, [&[g(from)], &[g(to)]], [&[c0], &[c1]]);
+        for t in [0.5, 0.7, 1.1, 1.3, 1.9] {
+            let now = Now { inputs: still(to, &[]), states: still(to, &[0.0]), rates: &[0.0] };
+            let seen = past.seen(Signal::State(0), false, t, &now).unwrap();
+            assert!((seen.value - f(t)).abs() < 1e-12 && (seen.slope - g(t)).abs() < 1e-11, "{t}: {seen:?}");
+        }
+    }
+
+    #[test]
     fn the_piece_that_is_not_finished_goes_through_its_ends() {
-        let past = Past { inputs: Track::new(vec![0], 2), states: Track::new(vec![0], 4), ..Past::default() };
+        let past = Past { inputs: Track::new(vec![0], 2), states: Track::new(vec![0], 6), ..Past::default() };
         let (first, last) = ([1.0], [2.0]);
         let open = Open { from: 1.0, to: 3.0, first: &first, last: &last };
         let now = Now { inputs: open, states: open, rates: &[0.5] };

@@ -169,6 +169,8 @@ pub struct Instance {
     pub(super) drive: Vec<f64>,
     pub(super) work: Workspace,
     rates: Vec<f64>,
+    /// Zeros: a piece of the past whose middle is not known is a cubic (n).
+    straight: Vec<f64>,
     raw: Vec<f64>,
     outputs: Vec<f64>,
     /// Whether rates and outputs are those of now.
@@ -211,6 +213,7 @@ impl Instance {
             drive: vec![0.0; layout.drive()],
             work: Workspace::new(model.dynamics()),
             rates: vec![0.0; layout.states],
+            straight: vec![0.0; layout.states],
             raw: vec![0.0; layout.states],
             outputs: vec![0.0; layout.outputs],
             fresh: (false, false),
@@ -542,7 +545,7 @@ impl Instance {
         let mut past = std::mem::take(&mut self.moving.past);
         let open = Self::open(&self.moving);
         past.inputs(open.inputs);
-        past.states(open.states, [open.rates, &self.rates]);
+        past.states(open.states, [open.rates, &self.rates], [&self.straight; 2]);
         self.moving.past = past;
         self.forget();
         self.set_node()

@@ -5,7 +5,7 @@
 //! then known. Explicit steps are tried against implicit ones from time to time, and the method that comes further for its work is
 //! kept: stiff models need no option.
 
-use super::delays::{Now, Open, Past};
+use super::delays::{Now, Open, Past, bends};
 use super::instance::{Instance, Moving, Refused};
 use super::variables::Kind;
 use fdm_grammar::graph::Signal;
@@ -124,8 +124,9 @@ pub(super) struct Solver {
     fine: Vec<f64>,
     /// Inputs at both ends of the communication step.
     inputs: [Vec<f64>; 2],
-    /// Rates at both ends of a step.
-    rates: [Vec<f64>; 2],
+    /// Rates at the beginning, the end and the middle of a step, and how states bend between.
+    rates: [Vec<f64>; 3],
+    bends: [Vec<f64>; 2],
 }
 
 /// What a step needs to know of the communication step that it belongs to.
@@ -195,7 +196,8 @@ impl Solver {
             middle: states(),
             fine: states(),
             inputs: [vec![0.0; layout.inputs], vec![0.0; layout.inputs]],
-            rates: [states(), states()],
+            rates: [states(), states(), states()],
+            bends: [states(), states()],
         }
     }
 
@@ -264,7 +266,9 @@ impl Solver {
             let Moving { time, x, past, pace, .. } = moving;
             let t = *time;
             let course = Course { dynamics: model.dynamics(), past, known: &known, start: moving.start, piece };
-            self.gauge(&course, pace, (t, x), (piece.to - t).min(reach));
+            if attempts == 0 {
+                self.gauge(&course, pace, (t, x), (piece.to - t).min(reach));
+            }
             let stop = past.next_kink(t, tau).map_or(piece.to, |kink| kink.min(piece.to));
             let (end, h) = reached(t, stop, pace.wanted.min(reach));
             attempts += 1;
@@ -299,15 +303,22 @@ impl Solver {
             // a step that was cut by a stop says nothing against longer ones
             pace.wanted = if h < pace.wanted { pace.wanted.max(longer) } else { longer };
             if delays_states {
-                let [first, last] = &mut self.rates;
+                let [first, last, between] = &mut self.rates;
                 let row = &mut self.drive[..layout.drive()];
-                let found = course.rates(t, x, row, &mut self.explicit, first);
-                let found = found.and_then(|()| course.rates(end, &self.fine, row, &mut self.explicit, last));
+                let mut rates = |t: f64, x: &[f64], out: &mut [f64]| course.rates(t, x, row, &mut self.explicit, out);
+                let found = rates(t, x, first)
+                    .and_then(|()| rates(end, &self.fine, last))
+                    .and_then(|()| rates(t + 0.5 * h, &self.middle, between));
                 if let Err(d) = found {
                     crossed = Err(Refused::Forgotten { name: instance.delayed_name(d), tau: tau[d] });
                     break;
                 }
-                past.states(Open { from: t, to: end, first: x, last: &self.fine }, [first, last]);
+                let [c0, c1] = &mut self.bends;
+                for k in 0..layout.states {
+                    let ends = [x[k], self.fine[k], first[k], last[k]];
+                    [c0[k], c1[k]] = bends(h, ends, (self.middle[k], between[k]));
+                }
+                past.states(Open { from: t, to: end, first: x, last: &self.fine }, [first, last], [c0, c1]);
             }
             x.copy_from_slice(&self.fine);
             pace.sizes.iter_mut().zip(&*x).for_each(|(size, x)| *size = size.max(x.abs()));
@@ -322,7 +333,7 @@ impl Solver {
     /// far down a chain grows from zero by a high power of time, and no step is short enough for a part of that.
     fn gauge(&mut self, course: &Course<'_>, pace: &mut Pace, (t, x): (f64, &[f64]), h: f64) {
         pace.sizes.iter_mut().zip(x).for_each(|(size, x)| *size = size.max(x.abs()));
-        if pace.wanted.is_finite() || pace.sizes.iter().all(|size| *size > 0.0) {
+        if pace.sizes.iter().all(|size| *size > 0.0) {
             return;
         }
         let scheme = if self.may_be_implicit { Scheme::Radau } else { Scheme::RungeKutta };
