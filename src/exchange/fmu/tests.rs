@@ -99,7 +99,7 @@ const DRIVEN: &str = "model driven { input u; param k = 9; state x = 0.4; state 
                       der(v) = u - k*sin(x) - 0.2*v*abs(v) + 0.1*sin(t); output angle = x; output rate = v + 0.1*u; }";
 const STIFF: &str = "model kinetics { state a = 1; state b = 0; state c = 0; param k = 0.04, l = 3e7, m = 1e4; \
                      der(a) = -k*a + m*b*c; der(b) = k*a - m*b*c - l*b^2; der(c) = l*b^2; output y = a; output z = c; }";
-const LATE: &str = "model late { input u; param tau = 0.37, lag = 0.21; state x = 0.5; state w = 0; \
+const LATE: &str = "model late { input u; param tau = 0.37 fixed, lag = 0.21 fixed; state x = 0.5; state w = 0; \
                     der(x) = -1.3*delay(x, tau) + delay(u, lag); der(w) = delay(x, lag)*x - 0.5*w; \
                     output y = x; output z = w + delay(u, tau) + delay(x, lag); }";
 const STOPPED: &str = "model stopped { input u; state x = 0; state y = 0; limit x in [-0.5, 0.8]; der(x) = u; \
