@@ -17,6 +17,7 @@ mod diagnose;
 mod doctor;
 mod effects;
 mod engine;
+mod export;
 mod failure;
 mod fit;
 mod fmt;
@@ -51,6 +52,7 @@ mod status;
 mod study;
 mod tasks;
 mod validate;
+mod verify;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use std::ffi::OsString;
@@ -85,6 +87,8 @@ enum Verb {
     Doctor(doctor::Arguments),
     /// List candidate effects for a model: the catalogue, and where each effect fits
     Effects(effects::Arguments),
+    /// Write a model or a result for other tools: functional mock-up unit, C, Rust, state space, JSBSim
+    Export(export::Arguments),
     /// Write effects into a model's own text, and print what changes
     Extend(effects::Extend),
     /// Simulate a model over recorded inputs
@@ -141,6 +145,8 @@ enum Verb {
     Compare(compare::Arguments),
     /// Validate a result with runs that it was not fitted to; only per-run parameters are estimated again
     Validate(validate::Arguments),
+    /// Verify that a file of `fdm export` computes what its model does: values and derivatives
+    Verify(verify::Arguments),
 }
 
 /// All verbs and options, as clap knows them: to check what is quoted elsewhere, or to write a manual.
@@ -191,6 +197,7 @@ pub fn main_with(words: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Diagnose(a) => diagnose::run(a),
         Verb::Doctor(a) => doctor::run(a),
         Verb::Effects(a) => effects::run(a),
+        Verb::Export(a) => export::run(a),
         Verb::Extend(a) => effects::extend(a),
         Verb::Simulate(a) => simulate::run(a),
         Verb::Fit(a) => fit::run(a),
@@ -219,6 +226,7 @@ pub fn main_with(words: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Profile(a) => profile::run(a),
         Verb::Study(a) => study::run(a),
         Verb::Validate(a) => validate::run(a),
+        Verb::Verify(a) => verify::run(a),
     };
     result.unwrap_or_else(|failure| failure.report())
 }

@@ -102,11 +102,16 @@ impl ModelOrResult {
 
     /// The same with another model or result in its place.
     pub(crate) fn of(&self, path: &Path) -> Self {
+        Self::at(path, &self.set)
+    }
+
+    /// A model file, or the folder of a result, with other values.
+    pub(crate) fn at(path: &Path, set: &[(String, f64)]) -> Self {
         let (model, from_result) = match path.is_dir() {
             true => (None, Some(path.to_path_buf())),
             false => (Some(path.to_path_buf()), None),
         };
-        Self { model, from_result, set: self.set.clone() }
+        Self { model, from_result, set: set.to_vec() }
     }
 
     /// The model with the values that were typed.

@@ -27,6 +27,8 @@ pub(crate) enum Kind {
     Drawing,
     /// Generated code, by the sentence at its head.
     Code,
+    /// A file for another tool, by its stamp or by the sentence at its head.
+    Export,
     /// A model, which nothing tells from one that somebody has changed since.
     Model,
     /// A table, by its header, which is known only when the model is.
@@ -41,6 +43,7 @@ impl Kind {
             Self::Page => text.contains("<meta name=\"generator\" content=\"fdm "),
             Self::Drawing => is_drawing(&text) || is_picture(beginning),
             Self::Code => text.contains("Written by fdm "),
+            Self::Export => text.contains("Written by fdm ") || text.contains("fdm model sha256:"),
             Self::Model | Self::Table => false,
         }
     }

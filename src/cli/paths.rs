@@ -30,6 +30,7 @@ fn role(verb: &str, argument: &str) -> Role {
         // results of one job are added to each other
         ("fmt" | "new" | "plan", _) | ("run", "out") => Role::Own,
         ("codegen", "out") => Role::File(Kind::Code),
+        ("export", "output") => Role::File(Kind::Export),
         ("simulate" | "data", "output") | ("doctor", "fix") => Role::File(Kind::Table),
         ("report", "output") | (_, "report") => Role::File(Kind::Page),
         ("plot", "output") | (_, "plot") => Role::File(Kind::Drawing),
@@ -224,6 +225,7 @@ mod tests {
             "doctor fix File(Table)",
             "doctor report File(Page)",
             "extend write File(Model)",
+            "export output File(Export)",
             "simulate output File(Table)",
             "fit checkpoint Folder",
             "fit plot File(Drawing)",

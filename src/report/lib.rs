@@ -32,6 +32,7 @@ mod study;
 mod summary;
 mod table;
 mod validation;
+mod verification;
 mod visible;
 
 pub use calibration::calibration_text;
@@ -64,4 +65,5 @@ pub use summary::check_text;
 pub mod page;
 pub use page::fit_verdict;
 pub use validation::{band_table, baseline_table, validation_by_frequency, validation_by_time, validation_table};
+pub use verification::verification_table;
 pub use visible::visible;

@@ -6,6 +6,7 @@ mod campaigns;
 mod checkpoint;
 mod design;
 mod diagnose;
+mod exchange;
 mod first_steps;
 mod hostile;
 mod jobs;

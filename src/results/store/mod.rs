@@ -24,6 +24,7 @@ mod progress;
 mod result_folder;
 mod task_results;
 mod temporary;
+mod work_folder;
 
 pub use checkpoint::{Checkpoint, CheckpointError};
 pub use comparison::differences;
@@ -39,3 +40,4 @@ pub use program::program_fingerprint;
 pub use progress::ProgressFile;
 pub use result_folder::{Contents, ResultError, ResultFolder, whole_files};
 pub use task_results::{Gathered, Provenance, TaskError, TaskKey, TaskResults};
+pub use work_folder::WorkFolder;

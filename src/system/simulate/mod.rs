@@ -15,6 +15,7 @@ mod error;
 mod observation;
 mod runge_kutta;
 mod simulator;
+mod single_step;
 mod step_control;
 mod steps;
 mod stiff;
@@ -29,6 +30,8 @@ pub use choice::{choose_steps, choose_steps_by, choose_steps_once, choose_steps_
 pub use drive::Course;
 pub use error::{Divergence, Unsuited};
 pub use simulator::Simulator;
+pub use single_step::SingleStep;
 pub use steps::Grid;
 pub use steps::Scheme;
 pub use steps::Steps;
+pub use stops::{rests, take_back};

@@ -6,11 +6,10 @@
 
 use super::delayed_inputs::{Follower, Rule, StageValues};
 use super::drive::inputs_of_step;
+use super::single_step::SingleStep;
 use super::steps::{Scheme, Steps};
-use super::stiff::{Collocation, Past};
-use super::stops::take_back;
-use super::trajectory::Interval;
-use crate::dynamics::{Dynamics, Point, Step, Workspace};
+use super::stiff::Past;
+use crate::dynamics::{Dynamics, Point, Step};
 use crate::record::Run;
 use fdm_grammar::graph::Signal;
 
@@ -175,9 +174,9 @@ impl March {
             if ends.len() >= most || end - begin < SHORTEST || from + whole * begin + length <= from + whole * begin {
                 return None;
             }
-            let past = probe.collocation.as_ref().map(|c| c.past());
+            let past = probe.past();
             let error = self.attempt(probe, interval, (begin, end));
-            let after = probe.collocation.as_ref().map(|c| c.past());
+            let after = probe.past();
             let Some(error) = error.filter(|e| *e <= self.tolerance) else {
                 let factor = error.map_or(CUT, |e| self.factor(e).min(0.8));
                 self.wanted = length * factor;
@@ -219,13 +218,13 @@ impl March {
     /// the coarse step.
     fn attempt(&mut self, probe: &mut Probe<'_>, interval: usize, (begin, end): (f64, f64)) -> Option<f64> {
         let half = 0.5 * (begin + end);
-        let before = probe.collocation.as_ref().map(|c| c.past());
+        let before = probe.past();
         if !probe.step(interval, (begin, end), &self.x, &mut self.coarse) {
             return None;
         }
         let t = probe.run.time[interval] + (probe.run.time[interval + 1] - probe.run.time[interval]) * end;
         probe.outputs(t, &self.coarse, &mut self.y);
-        let after = probe.collocation.as_ref().map(|c| c.past());
+        let after = probe.past();
         resume(probe, before.as_ref());
         let halves = probe.step(interval, (begin, half), &self.x, &mut self.middle)
             && probe.step(interval, (half, end), &self.middle, &mut self.fine);
@@ -242,7 +241,7 @@ impl March {
 }
 
 fn resume(probe: &mut Probe<'_>, past: Option<&Past>) {
-    if let (Some(collocation), Some(past)) = (&mut probe.collocation, past) {
+    if let (Some(collocation), Some(past)) = (&mut probe.steps.collocation, past) {
         collocation.resume(past);
     }
 }
@@ -255,16 +254,14 @@ pub(super) struct Probe<'a> {
     known: Vec<f64>,
     followers: Vec<Follower>,
     drive: Vec<f64>,
-    work: Workspace,
-    /// The stage equations, when the method is implicit.
-    pub(super) collocation: Option<Box<Collocation>>,
+    steps: SingleStep,
 }
 
 impl<'a> Probe<'a> {
     pub(super) fn new(dynamics: &'a dyn Dynamics, run: &'a Run, theta: &[f64], scheme: Scheme) -> Self {
-        let (layout, mut work) = (dynamics.layout(), Workspace::new(dynamics));
+        let (layout, mut steps) = (dynamics.layout(), SingleStep::new(dynamics, scheme));
         let mut known = vec![0.0; layout.known];
-        dynamics.prepare(theta, &mut known, &mut work);
+        dynamics.prepare(theta, &mut known, &mut steps.work);
         Self {
             dynamics,
             run,
@@ -272,49 +269,37 @@ impl<'a> Probe<'a> {
             known,
             followers: layout.delayed.iter().map(|_| Follower::default()).collect(),
             drive: vec![0.0; 3 * layout.drive()],
-            work,
-            collocation: (scheme == Scheme::Radau).then(|| Box::new(Collocation::new(layout))),
+            steps,
         }
+    }
+
+    /// What the implicit method takes over from the steps before.
+    fn past(&self) -> Option<Past> {
+        self.steps.collocation.as_ref().map(|c| c.past())
     }
 
     /// The states at the beginning of the run; `false` when they, or a delay, are not finite.
     pub(super) fn begin(&mut self, x: &mut [f64]) -> bool {
         let layout = self.dynamics.layout();
         x.copy_from_slice(&self.known[layout.initial.clone()]);
-        if let Some(collocation) = &mut self.collocation {
-            collocation.begin();
-        }
+        self.steps.begin();
         x.iter().chain(&self.known[layout.tau.clone()]).all(|v| v.is_finite())
     }
 
     /// The step from one part of an interval to another; `false` when its end is not finite or cannot be found.
     pub(super) fn step(&mut self, interval: usize, (begin, end): (f64, f64), x: &[f64], next: &mut [f64]) -> bool {
-        let layout = self.dynamics.layout();
         let (from, to) = (self.run.time[interval], self.run.time[interval + 1]);
         let (t, h) = (from + (to - from) * begin, (to - from) * (end - begin));
         self.feed(interval, (begin, end), (t, h));
-        let (drive, known) = (&self.drive[..], &self.known[..]);
-        let solved = match &mut self.collocation {
-            None => {
-                self.dynamics.step(Step { t, h, x, drive, known }, next, &mut self.work);
-                true
-            }
-            Some(collocation) => {
-                let step = Interval { t, h, x, drive, slopes: &[], known };
-                let (dynamics, work) = (self.dynamics, &mut self.work);
-                collocation.step(dynamics, step, next, work).is_ok()
-            }
-        };
-        debug_assert_eq!(next.len(), layout.states);
-        take_back(layout, &self.known, next, |_, _| {});
-        solved && next.iter().all(|x| x.is_finite())
+        let step = Step { t, h, x, drive: &self.drive, known: &self.known };
+        self.steps.take(self.dynamics, step, next)
     }
 
     /// Outputs at the end of the step that was taken last.
     pub(super) fn outputs(&mut self, t: f64, x: &[f64], y: &mut [f64]) {
         let width = self.dynamics.layout().drive();
         let at = Point { t, x, drive: &self.drive[2 * width..], known: &self.known };
-        self.dynamics.outputs(at, y, &mut self.work);
+        self.dynamics.outputs(at, y, &mut self.steps.work);
     }
 
     /// Drive at the stages.

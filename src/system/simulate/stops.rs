@@ -50,9 +50,9 @@ impl Stops {
     }
 }
 
-/// Takes states back into their limits, and says which by state and row of the limit.
+/// Takes states (n) back into their limits, and says which by state and row of the limit; `known` is what `prepare` computed.
 #[inline(always)]
-pub(super) fn take_back(layout: &Layout, known: &[f64], x: &mut [f64], mut held: impl FnMut(usize, usize)) {
+pub fn take_back(layout: &Layout, known: &[f64], x: &mut [f64], mut held: impl FnMut(usize, usize)) {
     for (k, state) in layout.limited.iter().enumerate() {
         let (at, row) = (*state as usize, 2 * k);
         let [lower, upper] = [0, 1].map(|side| known[layout.limits.start + row + side]);
@@ -67,8 +67,8 @@ pub(super) fn take_back(layout: &Layout, known: &[f64], x: &mut [f64], mut held:
     }
 }
 
-/// Whether a state stands at a limit and its rate pushes outwards: its derivative is zero.
-pub(super) fn rests(layout: &Layout, known: &[f64], state: usize, x: f64, rate: f64) -> bool {
+/// Whether a state (by index, with its value and rate) stands at a limit and its rate pushes outwards: its derivative is zero.
+pub fn rests(layout: &Layout, known: &[f64], state: usize, x: f64, rate: f64) -> bool {
     let Some(k) = layout.limited.iter().position(|s| *s as usize == state) else { return false };
     let [lower, upper] = [0, 1].map(|side| known[layout.limits.start + 2 * k + side]);
     x <= lower && rate < 0.0 || x >= upper && rate > 0.0

@@ -1,0 +1,24 @@
+//! Functional mock-up units of FMI 2.0 and 3.0, for model exchange and co-simulation: written by [`write`], computed by [`Instance`].
+//!
+//! A unit holds one prebuilt library, the same for all models: the package `fdm-fmu`, which gives [`Instance`] the functions of the
+//! standard. It reads the model's text from `resources/` when an instance is made, and interprets it; no compiler is needed.
+//! Source: Functional Mock-up Interface 2.0.4 and 3.0.1, Modelica Association.
+
+mod archive;
+mod delays;
+mod description;
+mod instance;
+mod resources;
+mod solver;
+mod tangent;
+#[cfg(test)]
+mod tests;
+mod variables;
+mod version;
+
+pub use archive::{Contents, Files, FmuError, write};
+pub(crate) use archive::{DESCRIPTION, library_path, unpacked};
+pub use instance::{Events, Instance, Refused, Snapshot};
+pub use resources::{Resources, ResourcesError};
+pub use variables::{Kind, Variable, Variables};
+pub use version::Version;
