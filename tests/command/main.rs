@@ -8,6 +8,7 @@ mod design;
 mod diagnose;
 mod first_steps;
 mod hostile;
+mod imports;
 mod jobs;
 mod json;
 mod limits;
