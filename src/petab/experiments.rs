@@ -29,6 +29,9 @@ pub(crate) struct Output {
     pub(crate) columns: Vec<String>,
 }
 
+/// The least number whose logarithm is taken.
+const LEAST: f64 = 1e-300;
+
 /// The scale on which numbers are compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Scale {
@@ -123,7 +126,8 @@ fn overrides(row: &Row, column: &str) -> Vec<Override> {
 }
 
 impl<'a> Observable<'a> {
-    fn read(row: &'a Row) -> Result<Self, Vec<String>> {
+    /// Reads a row; `is_taken` says which names the model has.
+    fn read(row: &'a Row, is_taken: &dyn Fn(&str) -> bool) -> Result<Self, Vec<String>> {
         let mut wrong = Vec::new();
         let mut read = |column: &str| match row.need(column).and_then(|t| formula(t).map_err(|e| row.says(column, &e))) {
             Ok(e) => e,
@@ -145,7 +149,7 @@ impl<'a> Observable<'a> {
         }
         let id = row.get("observableId").unwrap_or_default().to_string();
         // the noise may name the observable itself
-        let noise = noise.with(&BTreeMap::from([(id.clone(), of.clone())]));
+        let noise = if is_taken(&id) { noise } else { noise.with(&BTreeMap::from([(id.clone(), of.clone())])) };
         let mut parameters = Vec::new();
         for (kind, e) in [("observableParameter", &of), ("noiseParameter", &noise)] {
             let mut count = 0;
@@ -183,15 +187,19 @@ fn key(given: &[Override]) -> Vec<Option<String>> {
     given.iter().map(name).collect()
 }
 
-/// Reads observables and measurements. `fresh` makes a name that the model may declare out of a wanted one.
+/// Reads observables and measurements. `is_taken` says which names the model has, `fresh` makes one out of a wanted one that it may declare.
 ///
 /// # Errors
 /// Every row that cannot be read, or means what is not estimated.
-pub(crate) fn measured(problem: &Problem, fresh: &mut dyn FnMut(&str) -> String) -> Result<Measured, Vec<String>> {
+pub(crate) fn measured(
+    problem: &Problem,
+    is_taken: &dyn Fn(&str) -> bool,
+    fresh: &mut dyn FnMut(&str) -> String,
+) -> Result<Measured, Vec<String>> {
     let (mut all, mut wrong) = (Measured::default(), Vec::new());
     let mut observables: Vec<Observable<'_>> = Vec::new();
     for row in &problem.observables {
-        match Observable::read(row) {
+        match Observable::read(row, is_taken) {
             Ok(observable) => observables.push(observable),
             Err(e) => wrong.extend(e),
         }
@@ -249,7 +257,8 @@ pub(crate) fn measured(problem: &Problem, fresh: &mut dyn FnMut(&str) -> String)
         }
         let formula = observable.formula.clone().with(&by);
         let formula = match observable.scale.function() {
-            Some(function) => Expr::Call(function, vec![formula]),
+            // samples that nothing is compared with may be 0, and have no logarithm
+            Some(function) => Expr::Call(function, vec![Expr::Call("max", vec![formula, Expr::Number(LEAST)])]),
             None => formula,
         };
         let number = all.outputs.len();
@@ -338,7 +347,11 @@ pub(crate) fn switch(e: &Expr) -> Option<(Expr, bool)> {
         // t - t0 > 0
         (true, false) => match &**a {
             Expr::Binary(Sign::Subtract, time, from) if **time == Expr::Time => {
-                Some((binary(Sign::Add, (**from).clone(), (**b).clone()), later))
+                let at = match &**b {
+                    Expr::Number(0.0) => (**from).clone(),
+                    more => binary(Sign::Add, (**from).clone(), more.clone()),
+                };
+                Some((at, later))
             }
             _ => None,
         },

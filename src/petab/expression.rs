@@ -96,6 +96,7 @@ pub(crate) fn name(text: &str) -> Expr {
 pub(crate) fn times(a: Expr, b: Expr) -> Expr {
     match (a, b) {
         (Expr::Number(1.0), x) | (x, Expr::Number(1.0)) => x,
+        (Expr::Minus(one), x) if *one == Expr::Number(1.0) => Expr::Minus(Box::new(x)),
         (a, b) => binary(Sign::Multiply, a, b),
     }
 }

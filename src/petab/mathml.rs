@@ -99,6 +99,10 @@ impl Reader {
             *qualifier = Some(self.expression(inner, depth + 1)?);
         }
         let name = operator.tag_name().name();
+        if name == "apply" && list.is_empty() {
+            // brackets
+            return self.expression(operator, depth + 1);
+        }
         if name == "ci" {
             return Ok(Expr::Apply(text(operator), list));
         }

@@ -234,7 +234,8 @@ fn reaction(node: Node<'_, '_>, functions: &Functions) -> Result<(Reaction, Vec<
     let Some(law) = node.children().find(|n| n.tag_name().name() == "kineticLaw") else {
         return Err(format!("reaction `{own}` has no kinetic law"));
     };
-    let found = math(law)?.ok_or_else(|| format!("reaction `{own}` has a kinetic law without a formula"))?;
+    let found = math(law).and_then(|m| m.ok_or_else(|| "its kinetic law has no formula".into()));
+    let found = found.map_err(|e| format!("reaction `{own}`: {e}"))?;
     let mut local = Vec::new();
     let mut renamed = BTreeMap::new();
     for (list_of, item) in [("listOfParameters", "parameter"), ("listOfLocalParameters", "localParameter")] {

@@ -84,14 +84,13 @@ pub(crate) fn problem(problem: &Problem, stem: &str) -> Result<Import, Vec<Strin
             names.keep(id);
         }
     });
-    let measured = measured(problem, &mut |wanted| names.fresh(wanted));
+    let is_taken = |id: &str| known.contains(id) || further.contains(id);
+    let measured = measured(problem, &is_taken, &mut |wanted| names.fresh(wanted));
     let (sbml, measured) = match (sbml, measured) {
         (Ok(sbml), Ok(measured)) => (sbml, measured),
         (sbml, measured) => return Err(sbml.err().into_iter().chain(measured.err()).flatten().collect()),
     };
-    let mut builder = Builder { sbml: &sbml, problem: Some(problem), measured, names, statements: Statements::default(), wrong: Vec::new(), reset: Vec::new(), volumes: BTreeMap::new() };
-    builder.build()?;
-    builder.finish(stem)
+    Builder::new(&sbml, Some(problem), measured, names).import(stem)
 }
 
 /// An SBML model alone becomes a model whose outputs are its states.
@@ -99,9 +98,7 @@ pub(crate) fn model(text: &str, file: &str, stem: &str) -> Result<Import, Vec<St
     let sbml = Sbml::read(text).map_err(|e| e.into_iter().map(|e| format!("{file}: {e}")).collect::<Vec<_>>())?;
     let mut names = Names::default();
     sbml.ids().for_each(|id| names.keep(id));
-    let mut builder = Builder { sbml: &sbml, problem: None, measured: Measured::default(), names, statements: Statements::default(), wrong: Vec::new(), reset: Vec::new(), volumes: BTreeMap::new() };
-    builder.build()?;
-    builder.finish(stem)
+    Builder::new(&sbml, None, Measured::default(), names).import(stem)
 }
 
 struct Builder<'a> {
@@ -113,8 +110,6 @@ struct Builder<'a> {
     wrong: Vec<String>,
     /// States that get a new value when the experiment begins, with the names that they have for it.
     reset: Vec<Reset>,
-    /// Size of each compartment, where it is one number in all experiments.
-    volumes: BTreeMap<String, Option<f64>>,
 }
 
 /// How a state is set when the experiment begins: it is the sum of what it was before (or its new value) and of its change since.
@@ -131,7 +126,17 @@ struct Reset {
     value: Expr,
 }
 
-impl Builder<'_> {
+impl<'a> Builder<'a> {
+    fn new(sbml: &'a Sbml, problem: Option<&'a Problem>, measured: Measured, names: Names) -> Self {
+        let (statements, wrong, reset) = Default::default();
+        Self { sbml, problem, measured, names, statements, wrong, reset }
+    }
+
+    fn import(mut self, stem: &str) -> Result<Import, Vec<String>> {
+        self.build()?;
+        self.finish(stem)
+    }
+
     fn build(&mut self) -> Result<(), Vec<String>> {
         let sbml = self.sbml;
         self.statements.title = if sbml.name.is_empty() { sbml.id.clone() } else { sbml.name.clone() };
@@ -265,14 +270,11 @@ impl Builder<'_> {
             match default {
                 _ if is_param => {}
                 Some(Expr::Number(v)) => {
-                    self.volumes.insert(id.into(), Some(v));
                     self.define(id, Definition::Number(v));
                 }
                 Some(e) => self.define(id, Definition::Let(e)),
-                None => {
-                    // an error only where something needs it
-                    self.volumes.insert(id.into(), None);
-                }
+                // an error only where something needs it
+                None => {}
             }
             return;
         };
@@ -298,7 +300,6 @@ impl Builder<'_> {
         let (e, channel) = written(id, &values, &mut column);
         match (e, channel) {
             (Expr::Number(v), None) => {
-                self.volumes.insert(id.into(), Some(v));
                 self.define(id, Definition::Number(v));
             }
             (e, channel) => {
@@ -603,7 +604,8 @@ impl Builder<'_> {
         let mut flags: Vec<(Expr, String)> = Vec::new();
         for (at, values) in known {
             let text = at.text("t");
-            let own = self.names.fresh(&format!("from_{}", text.replace(|c: char| !c.is_ascii_alphanumeric() && c != '_', "_")));
+            let words: Vec<&str> = text.split(|c: char| !c.is_ascii_alphanumeric()).filter(|w| !w.is_empty()).collect();
+            let own = self.names.fresh(&format!("from_{}", words.join("_")));
             let times = values.iter().map(|[_, during]| *during).collect();
             self.statements.switches.push(Switch { name: own.clone(), about: format!("1 from the time {text} on"), times });
             flags.push((at, own));
@@ -749,12 +751,12 @@ fn param(row: &Row, remarks: &mut Vec<String>) -> Result<(String, Param), String
     if inside != value {
         remarks.push(row.says("nominalValue", &format!("{value} is outside the bounds; the model starts at {inside}")));
     }
-    let prior = prior(row, scale, (lower, upper), remarks)?;
+    let prior = prior(row, scale, remarks)?;
     Ok((id, Param { value: inside, bounds: Some((lower, upper)), scale, prior, title }))
 }
 
 /// A prior that the language has; others are left out, and a remark says so.
-fn prior(row: &Row, scale: Scale, _bounds: (f64, f64), remarks: &mut Vec<String>) -> Result<Option<(f64, f64)>, String> {
+fn prior(row: &Row, scale: Scale, remarks: &mut Vec<String>) -> Result<Option<(f64, f64)>, String> {
     let Some(kind) = row.get("objectivePriorType") else { return Ok(None) };
     let numbers: Vec<f64> = (row.get("objectivePriorParameters").unwrap_or_default().split(';'))
         .filter_map(|p| crate::tables::number(p.trim()))

@@ -87,8 +87,8 @@ impl Text<'_> {
         }
         roots.extend(self.measured.outputs.iter().flat_map(|o| [(o.name.as_str(), &o.formula), (o.name.as_str(), &o.noise)]));
         for line in &statements.lines {
-            roots.push(("a reaction", &line.rate));
-            open.extend(line.left.iter().chain(&line.right).map(|(n, _)| (n.as_str(), "a reaction")));
+            roots.push(("reactions", &line.rate));
+            open.extend(line.left.iter().chain(&line.right).map(|(n, _)| (n.as_str(), "reactions")));
         }
         for (of, e) in &roots {
             ask(e);
