@@ -1,8 +1,8 @@
 //! `fdm import`: a problem of PEtab, or a model of SBML, becomes a folder with a model, records and a project file.
 
+use crate::failure::{Ending, Failure};
 #[cfg(feature = "petab")]
 use crate::failure::{Unwritten, at, ended, print, remark};
-use crate::failure::{Ending, Failure};
 use clap::Args;
 #[cfg(feature = "petab")]
 use fdm_results::store::{make_folder, write_new_file};

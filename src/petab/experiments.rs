@@ -118,6 +118,23 @@ struct Observable<'a> {
     parameters: Vec<String>,
 }
 
+/// A row of the table of measurements.
+struct Read<'a> {
+    row: &'a Row,
+    experiment: usize,
+    /// For each parameter of its observable.
+    given: Vec<Override>,
+}
+
+/// Measurements of one output.
+struct Group<'a> {
+    observable: usize,
+    /// Names that they give to the parameters of the observable.
+    key: Vec<Option<String>>,
+    /// In the order of the table.
+    rows: Vec<Read<'a>>,
+}
+
 /// Splits what a measurement gives: `scale;0.3`.
 fn overrides(row: &Row, column: &str) -> Vec<Override> {
     let text = row.get(column).unwrap_or_default();
@@ -129,7 +146,8 @@ impl<'a> Observable<'a> {
     /// Reads a row; `is_taken` says which names the model has.
     fn read(row: &'a Row, is_taken: &dyn Fn(&str) -> bool) -> Result<Self, Vec<String>> {
         let mut wrong = Vec::new();
-        let mut read = |column: &str| match row.need(column).and_then(|t| formula(t).map_err(|e| row.says(column, &e))) {
+        let mut read = |column: &str| match row.need(column).and_then(|t| formula(t).map_err(|e| row.says(column, &e)))
+        {
             Ok(e) => e,
             Err(e) => {
                 wrong.push(e);
@@ -204,29 +222,27 @@ pub(crate) fn measured(
             Err(e) => wrong.extend(e),
         }
     }
-    // rows of each output, in the order of the table
-    let mut rows: Vec<(usize, Vec<Option<String>>, Vec<(&Row, usize, Vec<Override>)>)> = Vec::new();
+    let mut groups: Vec<Group<'_>> = Vec::new();
     for row in &problem.measurements {
         match placed(problem, row, &observables, &mut all.experiments) {
-            Ok((experiment, observable, given)) => {
-                let key = key(&given);
-                match rows.iter_mut().find(|(o, k, _)| *o == observable && *k == key) {
-                    Some((_, _, rows)) => rows.push((row, experiment, given)),
-                    None => rows.push((observable, key, vec![(row, experiment, given)])),
+            Ok((observable, read)) => {
+                let key = key(&read.given);
+                match groups.iter_mut().find(|g| g.observable == observable && g.key == key) {
+                    Some(group) => group.rows.push(read),
+                    None => groups.push(Group { observable, key, rows: vec![read] }),
                 }
             }
             Err(e) => wrong.push(e),
         }
     }
     // in the order of the table of observables
-    rows.sort_by_key(|(observable, ..)| *observable);
-    let keys: Vec<(usize, Vec<Option<String>>)> = rows.iter().map(|(o, k, _)| (*o, k.clone())).collect();
-    for (o, key, rows) in rows {
-        let Some(observable) = observables.get(o) else { continue };
+    groups.sort_by_key(|group| group.observable);
+    for Group { observable: o, key, rows } in &groups {
+        let Some(observable) = observables.get(*o) else { continue };
         let id = observable.row.get("observableId").unwrap_or_default();
-        let same: Vec<&Vec<Option<String>>> = keys.iter().filter(|(other, _)| *other == o).map(|(_, k)| k).collect();
+        let same = || groups.iter().filter(|other| other.observable == *o);
         let told: Vec<&str> = (0..key.len())
-            .filter(|k| same.iter().any(|other| other[*k] != key[*k]))
+            .filter(|k| same().any(|other| other.key[*k] != key[*k]))
             .map(|k| key[k].as_deref().unwrap_or("number"))
             .collect();
         let wanted = if told.is_empty() { id.to_string() } else { format!("{id}_{}", told.join("_")) };
@@ -238,13 +254,17 @@ pub(crate) fn measured(
             let value = match &key[k] {
                 Some(text) => formula(text).unwrap_or_else(|_| name(text)),
                 None => {
-                    let first = &rows[0].2[k];
+                    let first = &rows[0].given[k];
                     match first {
-                        Override::Number(v) if rows.iter().all(|r| r.2[k] == *first) => Expr::Number(*v),
+                        Override::Number(v) if rows.iter().all(|r| r.given[k] == *first) => Expr::Number(*v),
                         _ => {
                             let is_deviation = observable.noise == name(parameter);
                             let stem = parameter.split('_').next().unwrap_or_default();
-                            let column = if is_deviation { format!("sd_{output_name}") } else { format!("{stem}_{output_name}") };
+                            let column = if is_deviation {
+                                format!("sd_{output_name}")
+                            } else {
+                                format!("{stem}_{output_name}")
+                            };
                             let column = fresh(&column);
                             varying.push(k);
                             columns.push(column.clone());
@@ -262,7 +282,7 @@ pub(crate) fn measured(
             None => formula,
         };
         let number = all.outputs.len();
-        for (row, experiment, given) in rows {
+        for Read { row, experiment, given } in rows {
             let brings: Vec<f64> = varying
                 .iter()
                 .map(|k| match given[*k] {
@@ -273,7 +293,7 @@ pub(crate) fn measured(
             match numbers(row, observable.scale) {
                 Ok((time, value, jacobian)) => {
                     all.constant += jacobian;
-                    all.measurements.push(Measurement { experiment, output: number, time, value, brings });
+                    all.measurements.push(Measurement { experiment: *experiment, output: number, time, value, brings });
                 }
                 Err(e) => wrong.push(e),
             }
@@ -306,13 +326,13 @@ fn numbers(row: &Row, scale: Scale) -> Result<(f64, f64, f64), String> {
     Ok((time, scale.of(value), scale.jacobian(value)))
 }
 
-/// The experiment and the observable of a measurement, and what it gives to that.
-fn placed(
+/// The observable of a measurement, its experiment, and what it gives.
+fn placed<'a>(
     problem: &Problem,
-    row: &Row,
+    row: &'a Row,
     observables: &[Observable<'_>],
     experiments: &mut Vec<Experiment>,
-) -> Result<(usize, usize, Vec<Override>), String> {
+) -> Result<(usize, Read<'a>), String> {
     let id = row.need("observableId")?;
     let observable = observables.iter().position(|o| o.row.get("observableId") == Some(id));
     let observable = observable.ok_or_else(|| row.says("observableId", &format!("there is no observable `{id}`")))?;
@@ -331,7 +351,7 @@ fn placed(
         experiments.push(Experiment { before, condition: simulated, name });
         experiments.len() - 1
     });
-    Ok((experiment, observable, given))
+    Ok((observable, Read { row, experiment, given }))
 }
 
 /// A condition that compares time with an expression: the expression, and whether it holds from then on.

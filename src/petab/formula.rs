@@ -230,7 +230,8 @@ fn named(word: &str) -> Expr {
 /// A function of PEtab with its arguments.
 fn applied(function: &str, mut list: Vec<Expr>) -> Result<Expr, String> {
     let given = list.len();
-    let same = ["sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log10", "sqrt", "abs", "sign"];
+    let same =
+        ["sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log10", "sqrt", "abs", "sign"];
     if let Some(known) = same.iter().find(|f| **f == function) {
         return if given == 1 { Ok(Expr::Call(known, list)) } else { Err(count(function, 1, given)) };
     }

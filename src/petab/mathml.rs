@@ -147,7 +147,8 @@ fn operation(name: &str, mut list: Vec<Expr>, degree: Option<Expr>, base: Option
     if let (Some((_, own)), 1) = (same.iter().find(|(n, _)| *n == name), list.len()) {
         return Some(Expr::Call(own, list));
     }
-    let inverse = [("sec", "cos"), ("csc", "sin"), ("cot", "tan"), ("sech", "cosh"), ("csch", "sinh"), ("coth", "tanh")];
+    let inverse =
+        [("sec", "cos"), ("csc", "sin"), ("cot", "tan"), ("sech", "cosh"), ("csch", "sinh"), ("coth", "tanh")];
     if let (Some((_, own)), 1) = (inverse.iter().find(|(n, _)| *n == name), list.len()) {
         return Some(binary(Sign::Divide, one(), Expr::Call(own, list)));
     }
@@ -175,10 +176,8 @@ fn operation(name: &str, mut list: Vec<Expr>, degree: Option<Expr>, base: Option
         ("not", 1) => Some(Expr::Not(Box::new(list.remove(0)))),
         ("xor", 2) => {
             let not = |e: &Expr| Expr::Not(Box::new(e.clone()));
-            let (first, second) = (
-                binary(Sign::And, list[0].clone(), not(&list[1])),
-                binary(Sign::And, not(&list[0]), list[1].clone()),
-            );
+            let (first, second) =
+                (binary(Sign::And, list[0].clone(), not(&list[1])), binary(Sign::And, not(&list[0]), list[1].clone()));
             Some(binary(Sign::Or, first, second))
         }
         ("lt", 2..) => compared(Sign::Less, &list),
@@ -193,7 +192,8 @@ fn operation(name: &str, mut list: Vec<Expr>, degree: Option<Expr>, base: Option
 
 /// A number: plain, with an exponent, or a ratio.
 fn number(node: Node<'_, '_>) -> Result<f64, String> {
-    let parts: Vec<&str> = node.children().filter_map(|n| n.is_text().then(|| n.text()).flatten()).map(str::trim).collect();
+    let parts: Vec<&str> =
+        node.children().filter_map(|n| n.is_text().then(|| n.text()).flatten()).map(str::trim).collect();
     let read = |text: &str| text.parse::<f64>().map_err(|_| format!("`{text}` is not a number"));
     match (node.attribute("type"), &parts[..]) {
         (Some("e-notation"), [mantissa, exponent]) => read(&format!("{mantissa}e{exponent}")),

@@ -53,7 +53,9 @@ pub(crate) fn lead(measured: &Measured) -> f64 {
 
 /// Ever longer intervals, whose steps are then as long as they may be: from 0 to `end`.
 fn doubling(end: f64, first: f64) -> impl Iterator<Item = f64> {
-    std::iter::successors(Some(first), |t| Some(2.0 * t)).take_while(move |t| *t < 0.9 * end).chain(std::iter::once(end))
+    std::iter::successors(Some(first), |t| Some(2.0 * t))
+        .take_while(move |t| *t < 0.9 * end)
+        .chain(std::iter::once(end))
 }
 
 /// A column that drives the model.
@@ -79,9 +81,8 @@ impl Records<'_> {
         let channels = self.channels.iter().filter(|c| c.is_input()).map(Column::Channel);
         let switches = self.switches.iter().map(Column::Switch);
         let outputs = self.measured.outputs.iter().enumerate();
-        let brought = outputs.flat_map(|(o, out)| {
-            out.columns.iter().enumerate().map(move |(k, name)| Column::Brought(name, o, k))
-        });
+        let brought = outputs
+            .flat_map(|(o, out)| out.columns.iter().enumerate().map(move |(k, name)| Column::Brought(name, o, k)));
         channels.chain(switches).chain(brought).filter(|c| used(c.name())).collect()
     }
 
@@ -92,8 +93,11 @@ impl Records<'_> {
         let mut taken: Vec<String> = Vec::new();
         for (e, experiment) in self.measured.experiments.iter().enumerate() {
             for (repetition, rows) in self.repetitions(e).into_iter().enumerate() {
-                let plain: String =
-                    experiment.name.chars().map(|c| if c.is_alphanumeric() || "_-.".contains(c) { c } else { '_' }).collect();
+                let plain: String = experiment
+                    .name
+                    .chars()
+                    .map(|c| if c.is_alphanumeric() || "_-.".contains(c) { c } else { '_' })
+                    .collect();
                 let mut stem = if repetition == 0 { plain.clone() } else { format!("{plain}_{}", repetition + 1) };
                 while taken.contains(&stem) {
                     stem.push('_');
@@ -123,7 +127,12 @@ impl Records<'_> {
         all
     }
 
-    fn record(&self, (e, experiment): (usize, &Experiment), rows: &BTreeMap<u64, Vec<&Measurement>>, columns: &[Column<'_>]) -> String {
+    fn record(
+        &self,
+        (e, experiment): (usize, &Experiment),
+        rows: &BTreeMap<u64, Vec<&Measurement>>,
+        columns: &[Column<'_>],
+    ) -> String {
         let length = length(self.measured);
         let finite = |bits: &u64| Some(f64::from_bits(*bits)).filter(|t| t.is_finite());
         let last = rows.keys().filter_map(finite).fold(0.0, f64::max);
@@ -148,9 +157,8 @@ impl Records<'_> {
         times.extend(switched.filter(|t| *t > 0.0 && *t < until));
         times.sort_by(f64::total_cmp);
         times.dedup();
-        let measured: Vec<usize> = (0..self.measured.outputs.len())
-            .filter(|o| rows.values().flatten().any(|m| m.output == *o))
-            .collect();
+        let measured: Vec<usize> =
+            (0..self.measured.outputs.len()).filter(|o| rows.values().flatten().any(|m| m.output == *o)).collect();
         let mut text = String::from("time");
         columns.iter().for_each(|c| {
             let _ = write!(text, ",{}", self.names.called(c.name()));
@@ -187,7 +195,12 @@ impl Records<'_> {
     }
 
     /// The table of runs.
-    pub(crate) fn table(&self, files: &[(usize, File)], used: &dyn Fn(&str) -> bool, lead: Option<(&str, f64)>) -> String {
+    pub(crate) fn table(
+        &self,
+        files: &[(usize, File)],
+        used: &dyn Fn(&str) -> bool,
+        lead: Option<(&str, f64)>,
+    ) -> String {
         let known: Vec<&Channel> = self.channels.iter().filter(|c| !c.is_input() && used(&c.name)).collect();
         let mut text = String::from("file,run");
         known.iter().map(|c| self.names.called(&c.name)).chain(lead.map(|(name, _)| name)).for_each(|name| {
@@ -211,7 +224,8 @@ impl Records<'_> {
 
     /// The project file: model, runs, and which inputs keep their values until the next sample.
     pub(crate) fn project(&self, used: &dyn Fn(&str) -> bool) -> String {
-        let held: Vec<String> = self.columns(used).iter().map(|c| format!("\"{}\"", self.names.called(c.name()))).collect();
+        let held: Vec<String> =
+            self.columns(used).iter().map(|c| format!("\"{}\"", self.names.called(c.name()))).collect();
         let mut text = String::from("model = \"model.fdm\"\nruns = \"runs.csv\"\n");
         if !held.is_empty() {
             let _ = write!(text, "\n[options]\nzoh = [{}]\n", held.join(", "));

@@ -77,7 +77,11 @@ pub(crate) fn problem(problem: &Problem, stem: &str) -> Result<Import, Vec<Strin
         sbml.ids().for_each(|id| names.keep(id));
     }
     let known: BTreeSet<String> = sbml.iter().flat_map(Sbml::ids).map(String::from).collect();
-    let outside = problem.parameters.iter().filter_map(|row| row.get("parameterId")).chain(problem.overridden.iter().map(String::as_str));
+    let outside = problem
+        .parameters
+        .iter()
+        .filter_map(|row| row.get("parameterId"))
+        .chain(problem.overridden.iter().map(String::as_str));
     let mut further = BTreeSet::new();
     outside.filter(|id| !known.contains(*id)).for_each(|id| {
         if further.insert(id) {
@@ -200,7 +204,8 @@ impl<'a> Builder<'a> {
         let Some(problem) = self.problem else { return };
         for column in &problem.overridden {
             if self.is_assigned(column) {
-                self.wrong.push(format!("the table of conditions sets `{column}`, which follows from a rule at all times"));
+                self.wrong
+                    .push(format!("the table of conditions sets `{column}`, which follows from a rule at all times"));
             }
         }
     }
@@ -279,7 +284,9 @@ impl<'a> Builder<'a> {
             return;
         };
         if is_param {
-            self.wrong.push(format!("`{id}` stands in the table of parameters and in that of conditions: one value is meant"));
+            self.wrong.push(format!(
+                "`{id}` stands in the table of parameters and in that of conditions: one value is meant"
+            ));
             return;
         }
         let mut lacking = false;
@@ -335,7 +342,7 @@ impl<'a> Builder<'a> {
     fn volume(&self, id: &str) -> Option<f64> {
         let plain = !self.is_assigned(id)
             && self.rate(id).is_none()
-            && self.sbml.initial.get(id).is_none()
+            && !self.sbml.initial.contains_key(id)
             && self.param_row(id).is_none()
             && self.problem.is_none_or(|p| !p.overridden.iter().any(|c| c == id));
         let compartment = self.sbml.compartments.iter().find(|c| c.id == id).filter(|_| plain)?;
@@ -358,7 +365,8 @@ impl<'a> Builder<'a> {
         };
         // a parameter of the table that has a rate begins at its value
         let default = if self.param_row(id).is_some() {
-            self.wrong.push(format!("`{id}` is a parameter of the table and has a rate in the model: one of them is meant"));
+            self.wrong
+                .push(format!("`{id}` is a parameter of the table and has a rate in the model: one of them is meant"));
             default
         } else {
             default
@@ -369,7 +377,8 @@ impl<'a> Builder<'a> {
         });
         let Some(cells) = self.cells(id) else { return default };
         let experiments = self.measured.experiments.clone();
-        let sets: Vec<bool> = cells.iter().zip(&experiments).map(|([_, during], e)| e.before.is_some() && during.is_some()).collect();
+        let sets: Vec<bool> =
+            cells.iter().zip(&experiments).map(|([_, during], e)| e.before.is_some() && during.is_some()).collect();
         let or_default = |cell: &Option<Expr>| cell.clone().unwrap_or_else(|| default.clone());
         let values: Phases<Expr> = (cells.iter().zip(&sets))
             .map(|([before, during], set)| [or_default(before), or_default(if *set { during } else { before })])
@@ -406,7 +415,11 @@ impl<'a> Builder<'a> {
             };
             let kept = |set: &bool| if *set { [1.0, 0.0] } else { [1.0, 1.0] };
             let about = format!("1 while {id} is what it was before the experiment");
-            self.statements.channels.push(Channel { name: reset.kept.clone(), about, values: sets.iter().map(kept).collect() });
+            self.statements.channels.push(Channel {
+                name: reset.kept.clone(),
+                about,
+                values: sets.iter().map(kept).collect(),
+            });
             self.reset.push(reset);
         }
         value
@@ -448,7 +461,8 @@ impl<'a> Builder<'a> {
                 Some(rate) => Some(rate.clone()),
                 None => outside.get(id.as_str()).map(|terms| {
                     let total = sum(terms);
-                    let divided = species.filter(|s| !s.is_amount && !counted.contains_key(id)).map(|s| s.compartment.as_str());
+                    let divided =
+                        species.filter(|s| !s.is_amount && !counted.contains_key(id)).map(|s| s.compartment.as_str());
                     match divided {
                         Some(c) if self.volume(c) != Some(1.0) => binary(Sign::Divide, total, name(c)),
                         _ => total,
@@ -498,7 +512,13 @@ impl<'a> Builder<'a> {
         let (first, second) = (only(true), only(false));
         let states = &mut self.statements.states;
         states.push(State { id: reset.before.clone(), initial, rate: first, reacts: false, title });
-        states.push(State { id: reset.change.clone(), initial: Expr::Number(0.0), rate: second, reacts: false, title: None });
+        states.push(State {
+            id: reset.change.clone(),
+            initial: Expr::Number(0.0),
+            rate: second,
+            reacts: false,
+            title: None,
+        });
         let kept = binary(Sign::Greater, name(&reset.kept), Expr::Number(0.5));
         let base = Expr::If(vec![(name(&reset.before), kept)], Box::new(reset.value.clone()));
         self.define(&reset.id, Definition::Let(binary(Sign::Add, base, name(&reset.change))));
@@ -598,7 +618,8 @@ impl<'a> Builder<'a> {
             look(&o.noise);
         });
         for at in open {
-            let what = format!("the switch at the time {at} is not known beforehand: steps of the integration cross it");
+            let what =
+                format!("the switch at the time {at} is not known beforehand: steps of the integration cross it");
             self.statements.remarks.push(what);
         }
         let mut flags: Vec<(Expr, String)> = Vec::new();
@@ -607,7 +628,11 @@ impl<'a> Builder<'a> {
             let words: Vec<&str> = text.split(|c: char| !c.is_ascii_alphanumeric()).filter(|w| !w.is_empty()).collect();
             let own = self.names.fresh(&format!("from_{}", words.join("_")));
             let times = values.iter().map(|[_, during]| *during).collect();
-            self.statements.switches.push(Switch { name: own.clone(), about: format!("1 from the time {text} on"), times });
+            self.statements.switches.push(Switch {
+                name: own.clone(),
+                about: format!("1 from the time {text} on"),
+                times,
+            });
             flags.push((at, own));
         }
         let flagged = |e: Expr| {
@@ -672,17 +697,42 @@ impl<'a> Builder<'a> {
         let lead = experiments.iter().any(|e| e.before.is_some()).then(|| lead(&self.measured));
         let horizon = lead.map(|lead| (self.names.fresh("lead"), lead));
         let time = if horizon.is_some() { self.names.fresh("time_of_experiment") } else { "t".into() };
-        let records = Records { names: &self.names, measured: &self.measured, channels: &self.statements.channels, switches: &self.statements.switches, lead };
-        let text = writing::Text { statements: &self.statements, measured: &self.measured, names: &self.names, stem, horizon: horizon.as_ref().map(|(n, _)| n.as_str()), time: &time };
+        let records = Records {
+            names: &self.names,
+            measured: &self.measured,
+            channels: &self.statements.channels,
+            switches: &self.statements.switches,
+            lead,
+        };
+        let text = writing::Text {
+            statements: &self.statements,
+            measured: &self.measured,
+            names: &self.names,
+            stem,
+            horizon: horizon.as_ref().map(|(n, _)| n.as_str()),
+            time: &time,
+        };
         let written = text.model()?;
         let report = text.report(self.problem, &written, &records);
         let used = |name: &str| written.used.contains(name);
         let files = records.files(&used);
-        let table = records.table(&files[..], &used, horizon.as_ref().map(|(n, lead)| (n.as_str(), *lead)).filter(|(n, _)| used(n)));
+        let table = records.table(
+            &files[..],
+            &used,
+            horizon.as_ref().map(|(n, lead)| (n.as_str(), *lead)).filter(|(n, _)| used(n)),
+        );
         let project = records.project(&used);
         let mut remarks = self.statements.remarks.clone();
         remarks.extend(written.remarks.iter().cloned());
-        Ok(Import { model: written.text, runs: files.into_iter().map(|(_, f)| f).collect(), table, project, report, remarks, constant: self.measured.constant })
+        Ok(Import {
+            model: written.text,
+            runs: files.into_iter().map(|(_, f)| f).collect(),
+            table,
+            project,
+            report,
+            remarks,
+            constant: self.measured.constant,
+        })
     }
 }
 
@@ -770,7 +820,10 @@ fn prior(row: &Row, scale: Scale, remarks: &mut Vec<String>) -> Result<Option<(f
             Ok(None)
         }
         (false, _) => {
-            remarks.push(row.says("objectivePriorType", &format!("the prior `{kind}` is left out; priors are normal on the parameter's scale")));
+            remarks.push(row.says(
+                "objectivePriorType",
+                &format!("the prior `{kind}` is left out; priors are normal on the parameter's scale"),
+            ));
             Ok(None)
         }
     }

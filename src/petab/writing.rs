@@ -49,7 +49,9 @@ impl Text<'_> {
         let mut text = self.composed(&used, Balance::Closed);
         let mut checked = examine(&Source::new("model.fdm", text.clone()));
         if checked.as_ref().is_err_and(|all| all.iter().any(|d| d.code == Code::BadReaction)) {
-            remarks.push("the reactions do not keep masses: `0` stands for what takes part and is not modelled".to_string());
+            remarks.push(
+                "the reactions do not keep masses: `0` stands for what takes part and is not modelled".to_string(),
+            );
             text = self.composed(&used, Balance::Open);
             checked = examine(&Source::new("model.fdm", text.clone()));
         }
@@ -71,7 +73,8 @@ impl Text<'_> {
     /// Every name that equations, outputs and noises need, and what those need.
     fn used(&self) -> Result<BTreeSet<String>, Vec<String>> {
         let statements = self.statements;
-        let by_name: BTreeMap<&str, &Definition> = statements.definitions.iter().map(|(n, d)| (n.as_str(), d)).collect();
+        let by_name: BTreeMap<&str, &Definition> =
+            statements.definitions.iter().map(|(n, d)| (n.as_str(), d)).collect();
         let mut all: BTreeSet<&str> = statements.channels.iter().map(|c| c.name.as_str()).collect();
         all.extend(by_name.keys());
         all.extend(statements.switches.iter().map(|s| s.name.as_str()));
@@ -85,7 +88,9 @@ impl Text<'_> {
             roots.push((&state.id, &state.initial));
             roots.extend(state.rate.as_ref().map(|r| (state.id.as_str(), r)));
         }
-        roots.extend(self.measured.outputs.iter().flat_map(|o| [(o.name.as_str(), &o.formula), (o.name.as_str(), &o.noise)]));
+        roots.extend(
+            self.measured.outputs.iter().flat_map(|o| [(o.name.as_str(), &o.formula), (o.name.as_str(), &o.noise)]),
+        );
         for line in &statements.lines {
             roots.push(("reactions", &line.rate));
             open.extend(line.left.iter().chain(&line.right).map(|(n, _)| (n.as_str(), "reactions")));
@@ -129,7 +134,8 @@ impl Text<'_> {
         let statements = self.statements;
         let mut out = String::new();
         let plain: String = self.stem.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
-        let begins = plain.starts_with(|c: char| c.is_ascii_alphabetic()) && fdm_grammar::check::reserved(&plain).is_none();
+        let begins =
+            plain.starts_with(|c: char| c.is_ascii_alphabetic()) && fdm_grammar::check::reserved(&plain).is_none();
         let own = if begins { plain } else { format!("model_{plain}") };
         let _ = writeln!(out, "model {own} {}{{", doc(&statements.title));
         for channel in statements.channels.iter().filter(|c| used.contains(&c.name)) {
@@ -141,7 +147,11 @@ impl Text<'_> {
         }
         for (output, column) in self.measured.outputs.iter().flat_map(|o| o.columns.iter().map(move |c| (o, c))) {
             if used.contains(column) {
-                let _ = writeln!(out, "  input {column} {};", doc(&format!("given with each measurement of {}", output.observable)));
+                let _ = writeln!(
+                    out,
+                    "  input {column} {};",
+                    doc(&format!("given with each measurement of {}", output.observable))
+                );
             }
         }
         if let Some(horizon) = self.horizon.filter(|h| used.contains(*h)) {
@@ -167,7 +177,11 @@ impl Text<'_> {
         out.push('\n');
         for state in &statements.states {
             let title = state.title.as_ref().map(|t| format!(" {}", doc(t).trim_end())).unwrap_or_default();
-            let initial = if state.initial == Expr::Number(0.0) { String::new() } else { format!(" = {}", self.show(&state.initial)) };
+            let initial = if state.initial == Expr::Number(0.0) {
+                String::new()
+            } else {
+                format!(" = {}", self.show(&state.initial))
+            };
             let _ = writeln!(out, "  state {}{title}{initial};", self.called(&state.id));
         }
         if !statements.lines.is_empty() {
@@ -209,7 +223,13 @@ impl Text<'_> {
             }
             (prior, _) => {
                 let log = if param.scale == Scale::Linear { "" } else { " log" };
-                let _ = writeln!(out, "  param {own} = {} in [{}, {}]{log}{title};", number(param.value), number(lower), number(upper));
+                let _ = writeln!(
+                    out,
+                    "  param {own} = {} in [{}, {}]{log}{title};",
+                    number(param.value),
+                    number(lower),
+                    number(upper)
+                );
                 if let Some((mean, deviation)) = prior {
                     let _ = writeln!(out, "  prior {own} ~ normal({}, {});", number(mean), number(deviation));
                 }
@@ -304,7 +324,10 @@ impl Text<'_> {
             out.push('\n');
         }
         let mut left: Vec<String> = statements.remarks.iter().chain(&written.remarks).cloned().collect();
-        let unused = statements.definitions.iter().filter(|(id, d)| matches!(d, Definition::Param(_)) && !written.used.contains(id));
+        let unused = statements
+            .definitions
+            .iter()
+            .filter(|(id, d)| matches!(d, Definition::Param(_)) && !written.used.contains(id));
         left.extend(unused.map(|(id, _)| format!("parameter `{id}`: nothing that was measured depends on it")));
         if problem.is_some_and(|p| p.parameters.iter().any(|r| r.get("initializationPriorType").is_some())) {
             left.push("initializationPriorType: random starts are drawn within the bounds".into());
@@ -321,6 +344,17 @@ impl Text<'_> {
 
 /// A doc string with a space behind it; nothing where there is nothing to say.
 fn doc(text: &str) -> String {
-    let plain: String = text.chars().map(|c| if c == '"' { '\'' } else if c.is_control() { ' ' } else { c }).collect();
+    let plain: String = text
+        .chars()
+        .map(|c| {
+            if c == '"' {
+                '\''
+            } else if c.is_control() {
+                ' '
+            } else {
+                c
+            }
+        })
+        .collect();
     if plain.trim().is_empty() { String::new() } else { format!("\"{}\" ", plain.trim()) }
 }

@@ -129,9 +129,10 @@ fn likelihood(desk: &Desk) -> f64 {
     let held: String = held.iter().map(|name| format!(" --zoh {name}")).collect();
     let found = desk.fdm(&format!("fit p/model.fdm --runs p/runs.csv --iterations 0 --json -q{held}"));
     let found: Value = serde_json::from_slice(&found.stdout).unwrap_or_else(|_| panic!("{found:?}"));
-    let added = desk.text("p/IMPORT.md").split_once("Add ").map_or(0.0, |(_, rest)| {
-        rest.split_whitespace().next().unwrap().parse::<f64>().unwrap()
-    });
+    let added = desk
+        .text("p/IMPORT.md")
+        .split_once("Add ")
+        .map_or(0.0, |(_, rest)| rest.split_whitespace().next().unwrap().parse::<f64>().unwrap());
     found["log_likelihood"].as_f64().unwrap() + added
 }
 
@@ -146,12 +147,19 @@ fn the_problem_that_is_shipped_is_read_and_fitted() {
     let place = repository().join("models/petab/conversion/conversion.yaml");
     desk.good(&format!("import {} -o p", place.display()));
     let text = desk.text("p/model.fdm");
-    for line in ["A -> B : k1*A;", "B -> A : k2*B;", "known A_0 per run", "output a_m = log(max(A, 1e-300));", "noise  a_m = 0.1;"] {
+    for line in [
+        "A -> B : k1*A;",
+        "B -> A : k2*B;",
+        "known A_0 per run",
+        "output a_m = log(max(A, 1e-300));",
+        "noise  a_m = 0.1;",
+    ] {
         let spaced = |text: &str| text.split_whitespace().collect::<String>();
         assert!(spaced(&text).contains(&spaced(line)), "{line} in\n{text}");
     }
     let found = desk.json("fit p/model.fdm --runs p/runs.csv --json -q");
-    for (name, true_value, within) in [("k1", 0.8, 0.02), ("k2", 0.3, 0.02), ("gain", 4.0, 0.1), ("sigma", 0.05, 0.02)] {
+    for (name, true_value, within) in [("k1", 0.8, 0.02), ("k2", 0.3, 0.02), ("gain", 4.0, 0.1), ("sigma", 0.05, 0.02)]
+    {
         let all = found["parameters"].as_array().unwrap();
         let value = all.iter().find(|p| p["name"] == name).unwrap()["value"].as_f64().unwrap();
         assert!((value - true_value).abs() < within, "{name}: {value}");
@@ -176,7 +184,9 @@ y,high,2,3.5,7,0.2
 A,high,2,4.2,,rel
 A,high,0,3.9,,rel
 ",
-        parameters: &format!("{RATES}gain,lin,0,10,1.5,1\nshift,lin,-1,1,0.25,0\na_high,log10,0.1,10,4,1\nrel,lin,0,1,0.05,1\n"),
+        parameters: &format!(
+            "{RATES}gain,lin,0,10,1.5,1\nshift,lin,-1,1,0.25,0\na_high,log10,0.1,10,4,1\nrel,lin,0,1,0.05,1\n"
+        ),
     });
     let rates = (0.8, 0.6);
     let on_log = |measured: f64, y: f64, s: f64| {
@@ -305,9 +315,15 @@ fn what_is_not_there_is_refused_in_words() {
         (Problem { sbml: "<sbml", ..good }, "model.xml: it is not XML"),
         (Problem { sbml: &deep, ..good }, "model.xml: it is not"),
         (Problem { conditions: "condition\nc\n", ..good }, "conditions.tsv: there is no column `conditionId`"),
-        (Problem { conditions: "conditionId\nd\n", ..good }, "measurements.tsv, line 2, column simulationConditionId: there is no condition `c`"),
         (
-            Problem { observables: "observableId,observableFormula,noiseFormula,noiseDistribution\ny,B,0.1,laplace\n", ..good },
+            Problem { conditions: "conditionId\nd\n", ..good },
+            "measurements.tsv, line 2, column simulationConditionId: there is no condition `c`",
+        ),
+        (
+            Problem {
+                observables: "observableId,observableFormula,noiseFormula,noiseDistribution\ny,B,0.1,laplace\n",
+                ..good
+            },
             "observables.tsv, line 2, column noiseDistribution: noise of the distribution `laplace` is not estimated",
         ),
         (
@@ -315,7 +331,10 @@ fn what_is_not_there_is_refused_in_words() {
             "observables.tsv, line 2, column observableFormula: `B +`: a number, a name or `(` is expected at character 4",
         ),
         (
-            Problem { observables: "observableId,observableFormula,noiseFormula\ny,observableParameter1_y*B,0.1\n", ..good },
+            Problem {
+                observables: "observableId,observableFormula,noiseFormula\ny,observableParameter1_y*B,0.1\n",
+                ..good
+            },
             "column observableParameters: 1 values are needed for its observable, 0 are given",
         ),
         (
@@ -323,7 +342,10 @@ fn what_is_not_there_is_refused_in_words() {
             "measurements.tsv, line 2, column time: a time must be 0 or later",
         ),
         (
-            Problem { parameters: "parameterId,parameterScale,lowerBound,upperBound,nominalValue,estimate\nk1,log2,1,2,1,1\n", ..good },
+            Problem {
+                parameters: "parameterId,parameterScale,lowerBound,upperBound,nominalValue,estimate\nk1,log2,1,2,1,1\n",
+                ..good
+            },
             "parameters.tsv, line 2, column parameterScale: `log2` is not known",
         ),
     ];
