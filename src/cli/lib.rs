@@ -23,6 +23,7 @@ mod fit;
 mod fmt;
 mod halt;
 mod help;
+mod import;
 mod job;
 pub mod language_server;
 mod load;
@@ -127,6 +128,8 @@ enum Verb {
     Explain(help::Explain),
     /// Write a first model with comments and a record, ready to be checked, simulated and fitted
     New(new::Arguments),
+    /// Read a problem of PEtab or a model of SBML: a readable model, its records, a project file
+    Import(import::Arguments),
     /// Write a model as stand-alone C or Rust: rates, outputs, their derivatives and sensitivities, equal to the bit
     Codegen(codegen::Arguments),
     /// Cut a job into tasks that many machines can share, and say what it costs
@@ -215,6 +218,7 @@ pub fn main_with(words: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Show(a) => show::run(a),
         Verb::Explain(a) => help::explain(a),
         Verb::New(a) => new::run(a),
+        Verb::Import(a) => import::run(a),
         Verb::Codegen(a) => codegen::run(a),
         Verb::Completions(a) => help::completions(a, Arguments::command()),
         Verb::Man(a) => help::manual(a, Arguments::command()),

@@ -28,7 +28,7 @@ enum Role {
 fn role(verb: &str, argument: &str) -> Role {
     match (verb, argument) {
         // results of one job are added to each other
-        ("fmt" | "new" | "plan", _) | ("run", "out") => Role::Own,
+        ("fmt" | "new" | "plan" | "import", _) | ("run", "out") => Role::Own,
         ("codegen", "out") => Role::File(Kind::Code),
         ("export", "output") => Role::File(Kind::Export),
         ("simulate" | "data", "output") | ("doctor", "fix") => Role::File(Kind::Table),

@@ -22,6 +22,7 @@ use crate::recovery::fallback::attempt;
 use crate::recovery::multi_start::{StartSearch, many_starts};
 use crate::residuals::run_quality;
 use crate::table_nodes::add_tables;
+use crate::termination::Termination;
 use fdm_grammar::model::Origin;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
@@ -152,8 +153,11 @@ pub fn fit_from(
     let known = deviations.as_ref().map(|d| without_infinite(&squares, runs, starts, d)).transpose()?;
     let runs = known.as_deref().unwrap_or(runs);
     let first = attempt(&squares, runs, starts, options, observer)?;
+    let end = &first.estimate.termination;
+    // without iterations the start values are judged, those of the noise among them
+    let only_judged = options.options.iterations == 0 && matches!(end, Termination::IterationLimit);
     match &deviations {
-        _ if !first.estimate.termination.is_good() => Ok(first),
+        _ if !end.is_good() && !only_judged => Ok(first),
         Some(deviations) => {
             fit_noise_model(&without_process_noise(model), runs, starts, (first, deviations), options, observer)
         }

@@ -9,6 +9,7 @@ mod diagnose;
 mod exchange;
 mod first_steps;
 mod hostile;
+mod imports;
 mod jobs;
 mod json;
 mod limits;

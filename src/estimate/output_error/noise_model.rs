@@ -19,7 +19,7 @@ use crate::uncertainty::sandwich::NoiseColour;
 use fdm_grammar::graph::show;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
-use fdm_system::simulate::{Accuracy, Scheme, Simulator, Steps, integration_error};
+use fdm_system::simulate::{Accuracy, Scheme, Simulator, Steps, choose_steps, integration_error};
 
 /// The outputs (q) whose noise is an expression and is not put aside by what was asked for: the place of one over the deviation among the outputs of
 /// [`with_precisions`](fdm_grammar::Model::with_precisions). None where there are none.
@@ -55,10 +55,16 @@ pub(crate) fn without_infinite(
     let simulated = whole.definition().outputs.len();
     let mut kept = runs.to_vec();
     for (run, theta) in kept.iter_mut().zip(starts) {
-        let simulator = Simulator::new(whole.dynamics(), run, Steps::equal(Scheme::default(), 1));
-        let mut y = vec![0.0; run.len() * simulated];
-        // where the start diverges, what comes before is kept
-        let _ = simulator.map_err(|e| FitError::unsuited(run, e))?.simulate(theta, &mut y);
+        let mut y = vec![f64::NAN; run.len() * simulated];
+        let simulate = |run: &Run, steps: Steps, y: &mut [f64]| {
+            let simulator = Simulator::new(whole.dynamics(), run, steps);
+            simulator.map(|mut s| s.simulate(theta, y).is_ok()).map_err(|e| FitError::unsuited(run, e))
+        };
+        if !simulate(run, Steps::equal(Scheme::default(), 1), &mut y)? {
+            // a stiff model, or a long interval; where the start diverges all the same, what comes before is judged
+            let chosen = choose_steps(whole.dynamics(), run, theta).map_err(|e| FitError::unsuited(run, e))?;
+            simulate(run, chosen.steps, &mut y)?;
+        }
         if let Some(wrong) = not_positive(model, run, deviations, &y) {
             return Err(wrong);
         }

@@ -1,0 +1,54 @@
+//! `fdm import`: a problem of PEtab, or a model of SBML, becomes a folder with a model, records and a project file.
+
+use crate::failure::{Ending, Failure};
+#[cfg(feature = "petab")]
+use crate::failure::{Unwritten, at, ended, print, remark};
+use clap::Args;
+#[cfg(feature = "petab")]
+use fdm_results::store::{make_folder, write_new_file};
+use std::path::PathBuf;
+
+/// What `fdm import` takes.
+#[derive(Debug, Args)]
+pub(crate) struct Arguments {
+    /// Problem of PEtab (its .yaml file, version 1), or model of SBML (.xml)
+    #[arg(value_name = "PROBLEM")]
+    problem: PathBuf,
+    /// Folder that is made: model.fdm, runs.csv, runs/, fdm.toml, and IMPORT.md with what was left out
+    #[arg(short, long, value_name = "DIR")]
+    out: PathBuf,
+}
+
+#[cfg(not(feature = "petab"))]
+pub(crate) fn run(arguments: &Arguments) -> Ending {
+    let Arguments { problem, out: _ } = arguments;
+    let what = "this build of fdm reads no problems of PEtab: build it with `--features petab`";
+    Err(Failure::input([format!("{}: {what}", problem.display())]))
+}
+
+#[cfg(feature = "petab")]
+pub(crate) fn run(arguments: &Arguments) -> Ending {
+    let folder = &arguments.out;
+    if folder.symlink_metadata().is_ok() {
+        return Err(Failure::input([format!("{}: exists already, and is not overwritten", folder.display())]));
+    }
+    let import = fdm_petab::import(&arguments.problem).map_err(Failure::Input)?;
+    make_folder(folder).map_err(|e| Unwritten(at(folder, &e)))?;
+    let mut files = vec![("model.fdm", &import.model), ("IMPORT.md", &import.report)];
+    if !import.runs.is_empty() {
+        make_folder(&folder.join("runs")).map_err(|e| Unwritten(at(folder, &e)))?;
+        files.extend([("runs.csv", &import.table), ("fdm.toml", &import.project)]);
+    }
+    files.extend(import.runs.iter().map(|f| (f.path.as_str(), &f.text)));
+    for (name, text) in files {
+        let path = folder.join(name);
+        write_new_file(&path, text.as_bytes()).map_err(|e| Unwritten(at(&path, &e)))?;
+    }
+    import.remarks.iter().for_each(|r| remark(format_args!("note: {r}")));
+    let place = folder.display();
+    let next = match import.runs.is_empty() {
+        true => format!("{place}\n\n  fdm check {place}/model.fdm\n"),
+        false => format!("{place}\n\n  cd {place}\n  fdm fit\n"),
+    };
+    ended(print(&next))
+}

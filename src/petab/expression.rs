@@ -1,0 +1,337 @@
+//! Expressions of SBML and PEtab, and how fdm's language writes them.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write;
+
+/// An expression; conditions are expressions too.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Expr {
+    Number(f64),
+    Name(String),
+    /// Time of the experiment.
+    Time,
+    True,
+    False,
+    Minus(Box<Expr>),
+    Not(Box<Expr>),
+    Binary(Sign, Box<Expr>, Box<Expr>),
+    /// A function of the language by its name there.
+    Call(&'static str, Vec<Expr>),
+    /// The first branch whose condition (second) holds, or what stands behind all.
+    If(Vec<(Expr, Expr)>, Box<Expr>),
+    /// A function that the text itself defines, until it is written out.
+    Apply(String, Vec<Expr>),
+}
+
+/// A sign between two operands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Sign {
+    Add,
+    Subtract,
+    Multiply,
+    Divide,
+    Power,
+    Less,
+    AtMost,
+    Greater,
+    AtLeast,
+    Equal,
+    Unequal,
+    And,
+    Or,
+}
+
+impl Sign {
+    fn text(self) -> &'static str {
+        match self {
+            Self::Add => " + ",
+            Self::Subtract => " - ",
+            Self::Multiply => "*",
+            Self::Divide => "/",
+            Self::Power => "^",
+            Self::Less => " < ",
+            Self::AtMost => " <= ",
+            Self::Greater => " > ",
+            Self::AtLeast => " >= ",
+            Self::Equal => " == ",
+            Self::Unequal => " != ",
+            Self::And => " and ",
+            Self::Or => " or ",
+        }
+    }
+
+    /// How strongly it binds.
+    fn strength(self) -> u8 {
+        match self {
+            Self::Or => 1,
+            Self::And => 2,
+            Self::Less | Self::AtMost | Self::Greater | Self::AtLeast | Self::Equal | Self::Unequal => 4,
+            Self::Add | Self::Subtract => 5,
+            Self::Multiply | Self::Divide => 6,
+            Self::Power => 8,
+        }
+    }
+
+    /// Whether it compares two numbers by their size.
+    pub(crate) fn is_order(self) -> bool {
+        matches!(self, Self::Less | Self::AtMost | Self::Greater | Self::AtLeast)
+    }
+}
+
+/// Deepest nesting of what is read; the language itself ends at 256.
+pub(crate) const DEEPEST: usize = 200;
+/// Most signs of one expression, which nest where they stand in a row.
+pub(crate) const LONGEST: usize = 10_000;
+
+/// Shorthand for an operand pair.
+pub(crate) fn binary(sign: Sign, a: Expr, b: Expr) -> Expr {
+    Expr::Binary(sign, Box::new(a), Box::new(b))
+}
+
+pub(crate) fn name(text: &str) -> Expr {
+    Expr::Name(text.into())
+}
+
+/// `a*b`, without factors of 1.
+pub(crate) fn times(a: Expr, b: Expr) -> Expr {
+    match (a, b) {
+        (Expr::Number(1.0), x) | (x, Expr::Number(1.0)) => x,
+        (Expr::Minus(one), x) if *one == Expr::Number(1.0) => Expr::Minus(Box::new(x)),
+        (a, b) => binary(Sign::Multiply, a, b),
+    }
+}
+
+/// A number as the language reads it back to the bit.
+pub(crate) fn number(value: f64) -> String {
+    let size = value.abs();
+    if size != 0.0 && !(1e-4..1e7).contains(&size) { format!("{value:e}") } else { format!("{value}") }
+}
+
+impl Expr {
+    /// Calls `each` with every part, the whole first.
+    pub(crate) fn walk<'a>(&'a self, each: &mut dyn FnMut(&'a Expr)) {
+        each(self);
+        match self {
+            Self::Number(_) | Self::Name(_) | Self::Time | Self::True | Self::False => {}
+            Self::Minus(a) | Self::Not(a) => a.walk(each),
+            Self::Binary(_, a, b) => {
+                a.walk(each);
+                b.walk(each);
+            }
+            Self::Call(_, list) | Self::Apply(_, list) => list.iter().for_each(|a| a.walk(each)),
+            Self::If(branches, otherwise) => {
+                branches.iter().for_each(|(value, condition)| {
+                    value.walk(each);
+                    condition.walk(each);
+                });
+                otherwise.walk(each);
+            }
+        }
+    }
+
+    /// The same with every part replaced for which `each` has something else, from the inside outwards.
+    pub(crate) fn map(self, each: &mut dyn FnMut(Expr) -> Expr) -> Expr {
+        let mut boxed = |e: Box<Expr>| Box::new(e.map(each));
+        let whole = match self {
+            Self::Minus(a) => Self::Minus(boxed(a)),
+            Self::Not(a) => Self::Not(boxed(a)),
+            Self::Binary(sign, a, b) => {
+                let a = boxed(a);
+                Self::Binary(sign, a, boxed(b))
+            }
+            Self::Call(name, list) => Self::Call(name, list.into_iter().map(|a| a.map(each)).collect()),
+            Self::Apply(name, list) => Self::Apply(name, list.into_iter().map(|a| a.map(each)).collect()),
+            Self::If(branches, otherwise) => {
+                let branches = branches.into_iter().map(|(v, c)| (v.map(each), c.map(each))).collect();
+                Self::If(branches, Box::new(otherwise.map(each)))
+            }
+            leaf => leaf,
+        };
+        each(whole)
+    }
+
+    /// Names in it.
+    pub(crate) fn names(&self) -> BTreeSet<&str> {
+        let mut found = BTreeSet::new();
+        self.walk(&mut |e| {
+            if let Self::Name(name) = e {
+                found.insert(name.as_str());
+            }
+        });
+        found
+    }
+
+    /// Whether time stands in it.
+    pub(crate) fn has_time(&self) -> bool {
+        let mut found = false;
+        self.walk(&mut |e| found |= *e == Self::Time);
+        found
+    }
+
+    /// The same with names replaced.
+    pub(crate) fn with(self, replaced: &BTreeMap<String, Expr>) -> Expr {
+        self.map(&mut |e| match &e {
+            Self::Name(name) => replaced.get(name).cloned().unwrap_or(e),
+            _ => e,
+        })
+    }
+
+    /// Its value where names have values and time does not matter.
+    pub(crate) fn value(&self, of: &dyn Fn(&str) -> Option<f64>) -> Option<f64> {
+        Some(match self {
+            Self::Number(v) => *v,
+            Self::Name(name) => of(name)?,
+            Self::Minus(a) => -a.value(of)?,
+            Self::Binary(sign, a, b) => {
+                let (a, b) = (a.value(of)?, b.value(of)?);
+                match sign {
+                    Sign::Add => a + b,
+                    Sign::Subtract => a - b,
+                    Sign::Multiply => a * b,
+                    Sign::Divide => a / b,
+                    Sign::Power => a.powf(b),
+                    _ => return None,
+                }
+            }
+            _ => return None,
+        })
+    }
+
+    /// The same without a name that is a factor of all of its terms; `None` where it is not.
+    pub(crate) fn without_factor(&self, factor: &str) -> Option<Expr> {
+        match self {
+            Self::Name(name) if name == factor => Some(Self::Number(1.0)),
+            Self::Binary(Sign::Multiply, a, b) => match a.without_factor(factor) {
+                Some(a) => Some(times(a, (**b).clone())),
+                None => b.without_factor(factor).map(|b| times((**a).clone(), b)),
+            },
+            Self::Binary(Sign::Divide, a, b) => {
+                a.without_factor(factor).map(|a| binary(Sign::Divide, a, (**b).clone()))
+            }
+            Self::Binary(sign @ (Sign::Add | Sign::Subtract), a, b) => {
+                Some(binary(*sign, a.without_factor(factor)?, b.without_factor(factor)?))
+            }
+            Self::Minus(a) => a.without_factor(factor).map(|a| Self::Minus(Box::new(a))),
+            _ => None,
+        }
+    }
+
+    /// The text in the language; `time` is how time is written there.
+    pub(crate) fn text(&self, time: &str) -> String {
+        let mut out = String::new();
+        self.write(&mut out, 0, time);
+        out
+    }
+
+    fn write(&self, out: &mut String, outside: u8, time: &str) {
+        let own = match self {
+            Self::Binary(sign, ..) => sign.strength(),
+            Self::Minus(_) => 5,
+            Self::Not(_) => 3,
+            Self::If(..) => 0,
+            Self::Number(v) if v.is_sign_negative() => 5,
+            _ => 9,
+        };
+        let enclosed = own < outside || own == 0 && outside > 0;
+        if enclosed {
+            out.push('(');
+        }
+        match self {
+            Self::Number(v) => out.push_str(&number(*v)),
+            Self::Name(name) => out.push_str(name),
+            Self::Time => out.push_str(time),
+            Self::True => out.push_str("(1 > 0)"),
+            Self::False => out.push_str("(1 < 0)"),
+            Self::Minus(a) => {
+                out.push('-');
+                a.write(out, 7, time);
+            }
+            Self::Not(a) => {
+                out.push_str("not ");
+                a.write(out, 9, time);
+            }
+            Self::Binary(sign, a, b) => {
+                let (left, right) = match sign {
+                    Sign::Power => (9, 9),
+                    Sign::Subtract | Sign::Divide => (own, own + 1),
+                    _ if own == 4 => (5, 5),
+                    _ => (own, own),
+                };
+                a.write(out, left, time);
+                out.push_str(sign.text());
+                // a product or sum on the right keeps its own order of operations
+                let right = match (&**b, sign) {
+                    (Self::Binary(inner, ..), Sign::Multiply | Sign::Add) if inner.strength() == own => own + 1,
+                    _ => right,
+                };
+                b.write(out, right, time);
+            }
+            Self::Call(name, list) => call(out, name, list, time),
+            Self::Apply(name, list) => call(out, name, list, time),
+            Self::If(branches, otherwise) => {
+                for (value, condition) in branches {
+                    out.push_str("if ");
+                    condition.write(out, 1, time);
+                    out.push_str(" then ");
+                    value.write(out, 1, time);
+                    out.push_str(" else ");
+                }
+                otherwise.write(out, if matches!(**otherwise, Self::If(..)) { 0 } else { 1 }, time);
+            }
+        }
+        if enclosed {
+            out.push(')');
+        }
+    }
+}
+
+fn call(out: &mut String, name: &str, list: &[Expr], time: &str) {
+    let _ = write!(out, "{name}(");
+    for (k, argument) in list.iter().enumerate() {
+        if k > 0 {
+            out.push_str(", ");
+        }
+        argument.write(out, 0, time);
+    }
+    out.push(')');
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::formula::formula;
+
+    #[test]
+    fn what_is_written_means_what_was_read() {
+        let cases = [
+            ("a - (b - c)", "a - (b - c)"),
+            ("(a - b) - c", "a - b - c"),
+            ("a/(b*c)", "a/(b*c)"),
+            ("a*(b/c)", "a*(b/c)"),
+            ("-x^2", "-x^2"),
+            ("(-x)^2", "(-x)^2"),
+            ("2^-3", "2^(-3)"),
+            ("(a^b)^c", "(a^b)^c"),
+            ("a^b^c", "a^(b^c)"),
+            ("a**2", "a^2"),
+            ("1e-9*a", "1e-9*a"),
+            ("ln(x) + log10(y) + log2(z)", "log(x) + log10(y) + log(z)/log(2)"),
+            ("pow(a + 1, 2)", "(a + 1)^2"),
+            ("piecewise(a, t < 3, b) + 1", "(if t < 3 then a else b) + 1"),
+            ("!(a > 1 || b > 1 && c > 1)", "not (a > 1 or b > 1 and c > 1)"),
+        ];
+        for (read, written) in cases {
+            let read = formula(read).map(|e| e.text("t"));
+            assert_eq!(read.as_deref(), Ok(written));
+        }
+    }
+
+    #[test]
+    fn a_volume_is_cancelled_where_it_is_a_factor() {
+        let rate = |text: &str| formula(text).ok().and_then(|e| e.without_factor("V")).map(|e| e.text("t"));
+        assert_eq!(rate("V*k*A").as_deref(), Some("k*A"));
+        assert_eq!(rate("k*A*V - V*r").as_deref(), Some("k*A - r"));
+        assert_eq!(rate("k*A/(1 + V)"), None);
+        assert_eq!(rate("-V*k").as_deref(), Some("-k"));
+    }
+}

@@ -1,0 +1,204 @@
+//! MathML of SBML, read into expressions.
+
+use crate::expression::{DEEPEST, Expr, LONGEST, Sign, binary};
+use crate::formula::{logarithm, piecewise};
+use roxmltree::Node;
+
+/// Reads the `math` element below an element, or what stands in it; `None` where there is none.
+///
+/// # Errors
+/// One sentence about what the language has not.
+pub(crate) fn math(parent: Node<'_, '_>) -> Result<Option<Expr>, String> {
+    let Some(math) = parent.children().find(|n| n.tag_name().name() == "math") else { return Ok(None) };
+    match elements(math).next() {
+        Some(first) => Reader { read: 0 }.expression(first, 0).map(Some),
+        None => Err("an empty `math` says nothing".into()),
+    }
+}
+
+/// Parameters and body of the `lambda` of a function definition.
+///
+/// # Errors
+/// As [`math`].
+pub(crate) fn lambda(parent: Node<'_, '_>) -> Result<(Vec<String>, Expr), String> {
+    let lambda = parent.descendants().find(|n| n.tag_name().name() == "lambda").ok_or("there is no `lambda` in it")?;
+    let (mut arguments, mut body) = (Vec::new(), None);
+    for part in elements(lambda) {
+        if part.tag_name().name() == "bvar" {
+            arguments.push(elements(part).next().map(text).unwrap_or_default());
+        } else {
+            body = Some(Reader { read: 0 }.expression(part, 0)?);
+        }
+    }
+    Ok((arguments, body.ok_or("its `lambda` has no body")?))
+}
+
+fn elements<'a, 'b>(node: Node<'a, 'b>) -> impl Iterator<Item = Node<'a, 'b>> {
+    node.children().filter(Node::is_element)
+}
+
+fn text(node: Node<'_, '_>) -> String {
+    node.text().unwrap_or_default().trim().to_string()
+}
+
+struct Reader {
+    read: usize,
+}
+
+impl Reader {
+    fn expression(&mut self, node: Node<'_, '_>, depth: usize) -> Result<Expr, String> {
+        self.read += 1;
+        if depth > DEEPEST || self.read > LONGEST {
+            return Err(format!("mathematics of more than {DEEPEST} levels or {LONGEST} parts are not read"));
+        }
+        match node.tag_name().name() {
+            "cn" => number(node).map(Expr::Number),
+            "ci" => Ok(Expr::Name(text(node))),
+            "csymbol" => match node.attribute("definitionURL").unwrap_or_default().rsplit('/').next() {
+                Some("time") => Ok(Expr::Time),
+                Some("avogadro") => Ok(Expr::Number(6.022_140_76e23)),
+                other => Err(format!("the symbol `{}` is not known", other.unwrap_or_default())),
+            },
+            "true" => Ok(Expr::True),
+            "false" => Ok(Expr::False),
+            "pi" => Ok(Expr::Number(std::f64::consts::PI)),
+            "exponentiale" => Ok(Expr::Number(std::f64::consts::E)),
+            "infinity" => Ok(Expr::Number(f64::INFINITY)),
+            "piecewise" => {
+                let mut list = Vec::new();
+                for part in elements(node) {
+                    for inner in elements(part) {
+                        list.push(self.expression(inner, depth + 1)?);
+                    }
+                }
+                Ok(piecewise(list))
+            }
+            "apply" => self.apply(node, depth),
+            "semantics" | "math" => match elements(node).next() {
+                Some(inner) => self.expression(inner, depth + 1),
+                None => Err("an empty element says nothing".into()),
+            },
+            other => Err(format!("`{other}` of MathML is not known")),
+        }
+    }
+
+    fn apply(&mut self, node: Node<'_, '_>, depth: usize) -> Result<Expr, String> {
+        let mut parts = elements(node);
+        let Some(operator) = parts.next() else { return Err("an empty `apply` says nothing".into()) };
+        let (mut list, mut degree, mut base) = (Vec::new(), None, None);
+        for part in parts {
+            let qualifier = match part.tag_name().name() {
+                "degree" => &mut degree,
+                "logbase" => &mut base,
+                _ => {
+                    list.push(self.expression(part, depth + 1)?);
+                    continue;
+                }
+            };
+            let inner = elements(part).next().ok_or("an empty qualifier says nothing")?;
+            *qualifier = Some(self.expression(inner, depth + 1)?);
+        }
+        let name = operator.tag_name().name();
+        if name == "apply" && list.is_empty() {
+            // brackets
+            return self.expression(operator, depth + 1);
+        }
+        if name == "ci" {
+            return Ok(Expr::Apply(text(operator), list));
+        }
+        if name == "csymbol" {
+            let symbol = operator.attribute("definitionURL").unwrap_or_default().rsplit('/').next().unwrap_or_default();
+            return match (symbol, list.len()) {
+                ("delay", 2) => Ok(Expr::Call("delay", list)),
+                _ => Err(format!("the symbol `{symbol}` is not known")),
+            };
+        }
+        let given = list.len();
+        operation(name, list, degree, base)
+            .ok_or_else(|| format!("`{name}` of {given} operands has no counterpart in the language"))
+    }
+}
+
+fn chain(sign: Sign, list: Vec<Expr>) -> Option<Expr> {
+    list.into_iter().reduce(|a, b| binary(sign, a, b))
+}
+
+/// `a < b < c` is `a < b and b < c`.
+fn compared(sign: Sign, list: &[Expr]) -> Option<Expr> {
+    chain(Sign::And, list.windows(2).map(|w| binary(sign, w[0].clone(), w[1].clone())).collect())
+}
+
+fn operation(name: &str, mut list: Vec<Expr>, degree: Option<Expr>, base: Option<Expr>) -> Option<Expr> {
+    let one = || Expr::Number(1.0);
+    let same = [
+        ("sin", "sin"),
+        ("cos", "cos"),
+        ("tan", "tan"),
+        ("arcsin", "asin"),
+        ("arccos", "acos"),
+        ("arctan", "atan"),
+        ("sinh", "sinh"),
+        ("cosh", "cosh"),
+        ("tanh", "tanh"),
+        ("exp", "exp"),
+        ("ln", "log"),
+        ("abs", "abs"),
+    ];
+    if let (Some((_, own)), 1) = (same.iter().find(|(n, _)| *n == name), list.len()) {
+        return Some(Expr::Call(own, list));
+    }
+    let inverse =
+        [("sec", "cos"), ("csc", "sin"), ("cot", "tan"), ("sech", "cosh"), ("csch", "sinh"), ("coth", "tanh")];
+    if let (Some((_, own)), 1) = (inverse.iter().find(|(n, _)| *n == name), list.len()) {
+        return Some(binary(Sign::Divide, one(), Expr::Call(own, list)));
+    }
+    match (name, list.len()) {
+        ("plus", 0) => Some(Expr::Number(0.0)),
+        ("times", 0) => Some(one()),
+        ("plus", _) => chain(Sign::Add, list),
+        ("times", _) => chain(Sign::Multiply, list),
+        ("minus", 1) => Some(Expr::Minus(Box::new(list.remove(0)))),
+        ("minus", 2) => chain(Sign::Subtract, list),
+        ("divide", 2) => chain(Sign::Divide, list),
+        ("power", 2) => chain(Sign::Power, list),
+        ("root", 1) => match degree {
+            None | Some(Expr::Number(2.0)) => Some(Expr::Call("sqrt", list)),
+            Some(degree) => Some(binary(Sign::Power, list.remove(0), binary(Sign::Divide, one(), degree))),
+        },
+        ("log", 1) => Some(logarithm(list.remove(0), base.unwrap_or(Expr::Number(10.0)))),
+        ("min", 1) | ("max", 1) => list.pop(),
+        ("min", 2..) => Some(Expr::Call("min", list)),
+        ("max", 2..) => Some(Expr::Call("max", list)),
+        ("and", 1..) => chain(Sign::And, list),
+        ("or", 1..) => chain(Sign::Or, list),
+        ("and", 0) => Some(Expr::True),
+        ("or", 0) => Some(Expr::False),
+        ("not", 1) => Some(Expr::Not(Box::new(list.remove(0)))),
+        ("xor", 2) => {
+            let not = |e: &Expr| Expr::Not(Box::new(e.clone()));
+            let (first, second) =
+                (binary(Sign::And, list[0].clone(), not(&list[1])), binary(Sign::And, not(&list[0]), list[1].clone()));
+            Some(binary(Sign::Or, first, second))
+        }
+        ("lt", 2..) => compared(Sign::Less, &list),
+        ("leq", 2..) => compared(Sign::AtMost, &list),
+        ("gt", 2..) => compared(Sign::Greater, &list),
+        ("geq", 2..) => compared(Sign::AtLeast, &list),
+        ("eq", 2..) => compared(Sign::Equal, &list),
+        ("neq", 2) => compared(Sign::Unequal, &list),
+        _ => None,
+    }
+}
+
+/// A number: plain, with an exponent, or a ratio.
+fn number(node: Node<'_, '_>) -> Result<f64, String> {
+    let parts: Vec<&str> =
+        node.children().filter_map(|n| n.is_text().then(|| n.text()).flatten()).map(str::trim).collect();
+    let read = |text: &str| text.parse::<f64>().map_err(|_| format!("`{text}` is not a number"));
+    match (node.attribute("type"), &parts[..]) {
+        (Some("e-notation"), [mantissa, exponent]) => read(&format!("{mantissa}e{exponent}")),
+        (Some("rational"), [above, below]) => Ok(read(above)? / read(below)?),
+        (_, [plain]) => read(plain),
+        _ => Err("a `cn` without a number".into()),
+    }
+}

@@ -1,0 +1,364 @@
+//! `fdm import`: problems of PEtab and models of SBML become folders in which `fdm fit` finds everything. Log-likelihoods are compared with
+//! solutions in closed form.
+
+use serde_json::Value;
+use std::fmt::Write as _;
+use support::command::Desk;
+use support::repository;
+
+/// What a problem consists of; tables with commas in the place of tabs.
+#[derive(Clone, Copy)]
+struct Problem<'a> {
+    sbml: &'a str,
+    conditions: &'a str,
+    observables: &'a str,
+    measurements: &'a str,
+    parameters: &'a str,
+}
+
+const YAML: &str = "format_version: 1
+parameter_file: parameters.tsv
+problems:
+- sbml_files: [model.xml]
+  condition_files: [conditions.tsv]
+  observable_files: [observables.tsv]
+  measurement_files: [measurements.tsv]
+";
+
+/// MathML of a small prefix notation: `* k A`, `+ (* k A) B`; words are names, numbers are numbers.
+fn mathml(text: &str) -> String {
+    fn part(words: &mut std::iter::Peekable<std::vec::IntoIter<String>>, out: &mut String) {
+        let word = words.next().unwrap();
+        match word.as_str() {
+            "(" => {
+                let operator = words.next().unwrap();
+                write!(out, "<apply><{operator}/>").unwrap();
+                while words.peek().unwrap() != ")" {
+                    part(words, out);
+                }
+                words.next();
+                out.push_str("</apply>");
+            }
+            "time" => out.push_str("<csymbol definitionURL=\"http://www.sbml.org/sbml/symbols/time\">t</csymbol>"),
+            w if w.starts_with(|c: char| c.is_ascii_digit()) => write!(out, "<cn>{w}</cn>").unwrap(),
+            w => write!(out, "<ci>{w}</ci>").unwrap(),
+        }
+    }
+    let spaced = text.replace('(', " ( ").replace(')', " ) ");
+    let words: Vec<String> = spaced.split_whitespace().map(String::from).collect();
+    let mut out = String::new();
+    part(&mut words.into_iter().peekable(), &mut out);
+    format!("<math xmlns=\"http://www.w3.org/1998/Math/MathML\">{out}</math>")
+}
+
+fn species(id: &str, compartment: &str, concentration: f64) -> String {
+    format!(
+        "<species id=\"{id}\" compartment=\"{compartment}\" initialConcentration=\"{concentration}\" hasOnlySubstanceUnits=\"false\"/>"
+    )
+}
+
+fn reaction(id: &str, from: &str, to: &str, law: &str) -> String {
+    let side = |list: &str, id: &str| match id {
+        "" => String::new(),
+        id => format!("<{list}><speciesReference species=\"{id}\" stoichiometry=\"1\"/></{list}>"),
+    };
+    let sides = side("listOfReactants", from) + &side("listOfProducts", to);
+    format!("<reaction id=\"{id}\">{sides}<kineticLaw>{}</kineticLaw></reaction>", mathml(law))
+}
+
+/// A model of lists: what is empty is left out.
+fn sbml(parts: &[(&str, String)]) -> String {
+    let lists: String =
+        parts.iter().map(|(list, content)| format!("<listOf{list}>\n{content}\n</listOf{list}>\n")).collect();
+    format!(
+        "<sbml xmlns=\"http://www.sbml.org/sbml/level3/version1/core\" level=\"3\" version=\"1\"><model id=\"m\">\n{lists}</model></sbml>"
+    )
+}
+
+/// A turns into B at k1, B into A at k2, in a vessel of two litres.
+fn conversion() -> String {
+    sbml(&[
+        ("Compartments", "<compartment id=\"V\" size=\"2\"/>".into()),
+        ("Species", species("A", "V", 1.0) + &species("B", "V", 0.0)),
+        ("Parameters", "<parameter id=\"k1\" value=\"0.1\"/><parameter id=\"k2\" value=\"0.1\"/>".into()),
+        ("Reactions", reaction("f", "A", "B", "(times V k1 A)") + &reaction("b", "B", "A", "(times V k2 B)")),
+    ])
+}
+
+/// B at a time, from A and B at time 0.
+fn converted((a, b): (f64, f64), (k1, k2): (f64, f64), t: f64) -> f64 {
+    let end = (a + b) * k1 / (k1 + k2);
+    end + (b - end) * (-(k1 + k2) * t).exp()
+}
+
+const RATES: &str = "parameterId,parameterScale,lowerBound,upperBound,nominalValue,estimate
+k1,log10,1e-3,1e3,0.8,1
+k2,log10,1e-3,1e3,0.6,1
+";
+
+fn normal(residual: f64, deviation: f64) -> f64 {
+    -0.5 * (residual / deviation).powi(2) - deviation.ln() - 0.5 * std::f64::consts::TAU.ln()
+}
+
+/// A desk with the problem, imported into `p`; the log-likelihood of PEtab at the nominal values.
+fn imported(problem: Problem<'_>) -> (Desk, f64) {
+    let desk = written(problem);
+    desk.good("import problem.yaml -o p");
+    let likelihood = likelihood(&desk);
+    (desk, likelihood)
+}
+
+fn written(problem: Problem<'_>) -> Desk {
+    let desk = Desk::with([("problem.yaml", YAML)]);
+    desk.write("model.xml", problem.sbml);
+    let tables = [
+        ("conditions.tsv", problem.conditions),
+        ("observables.tsv", problem.observables),
+        ("measurements.tsv", problem.measurements),
+        ("parameters.tsv", problem.parameters),
+    ];
+    tables.iter().for_each(|(file, text)| {
+        desk.write(file, text.replace(',', "\t"));
+    });
+    desk
+}
+
+fn likelihood(desk: &Desk) -> f64 {
+    let words = desk.text("p/fdm.toml");
+    let held: Vec<&str> = words.split('"').skip(1).step_by(2).skip(2).collect();
+    let held: String = held.iter().map(|name| format!(" --zoh {name}")).collect();
+    let found = desk.fdm(&format!("fit p/model.fdm --runs p/runs.csv --iterations 0 --json -q{held}"));
+    let found: Value = serde_json::from_slice(&found.stdout).unwrap_or_else(|_| panic!("{found:?}"));
+    let added = desk
+        .text("p/IMPORT.md")
+        .split_once("Add ")
+        .map_or(0.0, |(_, rest)| rest.split_whitespace().next().unwrap().parse::<f64>().unwrap());
+    found["log_likelihood"].as_f64().unwrap() + added
+}
+
+#[track_caller]
+fn near(found: f64, wanted: f64) {
+    assert!((found - wanted).abs() < 1e-5 * (1.0 + wanted.abs()), "{found} for {wanted}");
+}
+
+#[test]
+fn the_problem_that_is_shipped_is_read_and_fitted() {
+    let desk = Desk::new();
+    let place = repository().join("models/petab/conversion/conversion.yaml");
+    desk.good(&format!("import {} -o p", place.display()));
+    let text = desk.text("p/model.fdm");
+    for line in [
+        "A -> B : k1*A;",
+        "B -> A : k2*B;",
+        "known A_0 per run",
+        "output a_m = log(max(A, 1e-300));",
+        "noise  a_m = 0.1;",
+    ] {
+        let spaced = |text: &str| text.split_whitespace().collect::<String>();
+        assert!(spaced(&text).contains(&spaced(line)), "{line} in\n{text}");
+    }
+    let found = desk.json("fit p/model.fdm --runs p/runs.csv --json -q");
+    for (name, true_value, within) in [("k1", 0.8, 0.02), ("k2", 0.3, 0.02), ("gain", 4.0, 0.1), ("sigma", 0.05, 0.02)]
+    {
+        let all = found["parameters"].as_array().unwrap();
+        let value = all.iter().find(|p| p["name"] == name).unwrap()["value"].as_f64().unwrap();
+        assert!((value - true_value).abs() < within, "{name}: {value}");
+    }
+    let said = desk.refused(&format!("import {} -o p", place.display()));
+    assert!(said.contains("exists already"), "{said}");
+}
+
+#[test]
+fn conditions_overrides_and_repetitions_have_the_likelihood_of_petab() {
+    let (desk, found) = imported(Problem {
+        sbml: &conversion(),
+        conditions: "conditionId,A,offset\nlow,1,0.5\nhigh,a_high,shift\n",
+        observables: "observableId,observableFormula,observableTransformation,noiseFormula
+y,offset + observableParameter1_y*B,log10,noiseParameter1_y
+A,A + B,lin,0.1 + noiseParameter1_A*A
+",
+        measurements: "observableId,simulationConditionId,time,measurement,observableParameters,noiseParameters
+y,low,1,0.9,gain,0.1
+y,low,1,1.1,gain,0.2
+y,high,2,3.5,7,0.2
+A,high,2,4.2,,rel
+A,high,0,3.9,,rel
+",
+        parameters: &format!(
+            "{RATES}gain,lin,0,10,1.5,1\nshift,lin,-1,1,0.25,0\na_high,log10,0.1,10,4,1\nrel,lin,0,1,0.05,1\n"
+        ),
+    });
+    let rates = (0.8, 0.6);
+    let on_log = |measured: f64, y: f64, s: f64| {
+        normal(measured.log10() - y.log10(), s) - (measured * std::f64::consts::LN_10).ln()
+    };
+    let low = 0.5 + 1.5 * converted((1.0, 0.0), rates, 1.0);
+    let high = 0.25 + 7.0 * converted((4.0, 0.0), rates, 2.0);
+    let s = |t: f64| 0.1 + 0.05 * (4.0 - converted((4.0, 0.0), rates, t));
+    let wanted = on_log(0.9, low, 0.1)
+        + on_log(1.1, low, 0.2)
+        + on_log(3.5, high, 0.2)
+        + normal(4.2 - 4.0, s(2.0))
+        + normal(3.9 - 4.0, s(0.0));
+    near(found, wanted);
+    let report = desk.text("p/IMPORT.md");
+    assert_eq!(desk.names("p/runs").len(), 3, "the second number at one time is a repetition: {report}");
+}
+
+#[test]
+fn a_steady_state_before_the_experiment_and_a_new_value_at_its_beginning() {
+    // B is set to 2 when the experiment begins, A is what it was; in the other one both are kept
+    let (_, found) = imported(Problem {
+        sbml: &conversion(),
+        conditions: "conditionId,k1,A,B\nbefore,0.3,3,0\nset,0.8,nan,2\nkept,0.8,nan,nan\n",
+        observables: "observableId,observableFormula,noiseFormula\ny,B,0.1\n",
+        measurements: "observableId,preequilibrationConditionId,simulationConditionId,time,measurement
+y,before,set,0,2.1
+y,before,set,1.5,2
+y,before,kept,0,0.9
+y,before,kept,1.5,1.7
+y,,kept,1.5,0.5
+",
+        parameters: "parameterId,parameterScale,lowerBound,upperBound,nominalValue,estimate\nk2,log10,1e-3,1e3,0.6,1\n",
+    });
+    let rates = (0.8, 0.6);
+    // at rest A = 2, B = 1
+    let wanted = normal(0.1, 0.1)
+        + normal(2.0 - converted((2.0, 2.0), rates, 1.5), 0.1)
+        + normal(0.1, 0.1)
+        + normal(1.7 - converted((2.0, 1.0), rates, 1.5), 0.1)
+        + normal(0.5 - converted((1.0, 0.0), rates, 1.5), 0.1);
+    near(found, wanted);
+}
+
+#[test]
+fn time_switches_where_the_problem_says() {
+    // a feed of 2 per litre from the time t_on of the condition until 3, and a second one that waits for a parameter
+    let feed = "<piecewise><piece><cn>2</cn><apply><and/><apply><geq/>TIME<ci>t_on</ci></apply><apply><lt/>TIME<cn>3</cn></apply></apply></piece><otherwise><cn>0</cn></otherwise></piecewise>";
+    let time = "<csymbol definitionURL=\"http://www.sbml.org/sbml/symbols/time\">t</csymbol>";
+    let rule = format!(
+        "<assignmentRule variable=\"feed\"><math xmlns=\"http://www.w3.org/1998/Math/MathML\">{}</math></assignmentRule>",
+        feed.replace("TIME", time)
+    );
+    let fed = sbml(&[
+        ("Compartments", "<compartment id=\"V\" size=\"1\"/>".into()),
+        ("Species", species("A", "V", 0.0)),
+        ("Parameters", "<parameter id=\"k\" value=\"0.1\"/><parameter id=\"t_on\" value=\"1\"/><parameter id=\"feed\" constant=\"false\"/>".into()),
+        ("Rules", rule),
+        ("Reactions", reaction("in", "", "A", "(times V feed)") + &reaction("out", "A", "", "(times V k A)")),
+    ]);
+    let (desk, found) = imported(Problem {
+        sbml: &fed,
+        conditions: "conditionId,t_on\nearly,0.7\nlate,2.2\n",
+        observables: "observableId,observableFormula,noiseFormula\ny,A,0.1\n",
+        measurements: "observableId,simulationConditionId,time,measurement\ny,early,5,1\ny,late,5,0.5\ny,late,2.2,0\n",
+        parameters: "parameterId,parameterScale,lowerBound,upperBound,nominalValue,estimate\nk,lin,0,10,0.4,1\n",
+    });
+    let fed = |on: f64, t: f64| 2.0 / 0.4 * (1.0 - (-0.4 * (3.0 - on)).exp()) * (-0.4 * (t - 3.0)).exp();
+    near(found, normal(1.0 - fed(0.7, 5.0), 0.1) + normal(0.5 - fed(2.2, 5.0), 0.1) + normal(0.0, 0.1));
+    assert!(desk.text("p/runs/early.csv").contains("\n0.7,"), "a sample stands at the switch");
+}
+
+#[test]
+fn compartments_amounts_and_functions_mean_what_sbml_says() {
+    // A leaves a litre for half a litre, law by a function; C counts amounts; X is a word of the language's own
+    let function = "<functionDefinition id=\"law\"><math xmlns=\"http://www.w3.org/1998/Math/MathML\"><lambda><bvar><ci>a</ci></bvar><bvar><ci>b</ci></bvar><apply><times/><ci>a</ci><ci>b</ci></apply></lambda></math></functionDefinition>";
+    let amount = "<species id=\"C\" compartment=\"W\" initialAmount=\"3\" hasOnlySubstanceUnits=\"true\"/>";
+    let called = "<reaction id=\"go\"><listOfReactants><speciesReference species=\"A\" stoichiometry=\"1\"/></listOfReactants><listOfProducts><speciesReference species=\"in\" stoichiometry=\"2\"/></listOfProducts><kineticLaw><math xmlns=\"http://www.w3.org/1998/Math/MathML\"><apply><ci>law</ci><ci>k</ci><ci>A</ci></apply></math></kineticLaw></reaction>";
+    let model = sbml(&[
+        ("FunctionDefinitions", function.into()),
+        ("Compartments", "<compartment id=\"V\" size=\"1\"/><compartment id=\"W\" size=\"0.5\"/>".into()),
+        ("Species", species("A", "V", 2.0) + &species("in", "W", 1.0) + amount),
+        ("Parameters", "<parameter id=\"k\" value=\"0.4\"/>".into()),
+        ("Reactions", called.to_string() + &reaction("decay", "C", "", "(times k C)")),
+    ]);
+    let (desk, found) = imported(Problem {
+        sbml: &model,
+        conditions: "conditionId\nonly\n",
+        observables: "observableId,observableFormula,noiseFormula\ny,in,0.1\nz,C,0.1\n",
+        measurements: "observableId,simulationConditionId,time,measurement\ny,only,2,5\nz,only,2,1.3\n",
+        parameters: "parameterId,parameterScale,lowerBound,upperBound,nominalValue,estimate\nk,lin,0,10,0.4,1\n",
+    });
+    let left = (-0.8f64).exp();
+    let wanted = normal(5.0 - (1.0 + 2.0 * 2.0 * (1.0 - left) / 0.5), 0.1) + normal(1.3 - 3.0 * left, 0.1);
+    near(found, wanted);
+    assert!(desk.text("p/IMPORT.md").contains("| `in` | `in_` |"));
+}
+
+#[test]
+fn an_sbml_model_alone_is_read() {
+    let desk = Desk::new();
+    desk.write("m.xml", conversion());
+    desk.good("import m.xml -o m");
+    desk.good("check m/model.fdm");
+    assert_eq!(desk.names("m"), ["IMPORT.md", "model.fdm"]);
+}
+
+#[test]
+fn what_is_not_there_is_refused_in_words() {
+    let good = Problem {
+        sbml: &conversion(),
+        conditions: "conditionId\nc\n",
+        observables: "observableId,observableFormula,noiseFormula\ny,B,0.1\n",
+        measurements: "observableId,simulationConditionId,time,measurement\ny,c,1,1\n",
+        parameters: RATES,
+    };
+    imported(good);
+    let event = conversion().replace("</model>", "<listOfEvents><event id=\"dose\"/></listOfEvents></model>");
+    let floor = conversion().replace("<ci>k1</ci>", "<apply><floor/><ci>k1</ci></apply>");
+    let deep = format!("{}{}", "<a>".repeat(50_000), "</a>".repeat(50_000));
+    let unknown = conversion().replace("<ci>k1</ci>", "<ci>k7</ci>");
+    let cases = [
+        (Problem { sbml: &event, ..good }, "event `dose`: events are not in the language yet"),
+        (Problem { sbml: &floor, ..good }, "reaction `f`: `floor` of 1 operands has no counterpart"),
+        (Problem { sbml: &unknown, ..good }, "`k7`, which `reactions` needs, has no value"),
+        (Problem { sbml: "<sbml", ..good }, "model.xml: it is not XML"),
+        (Problem { sbml: &deep, ..good }, "model.xml: it is not"),
+        (Problem { conditions: "condition\nc\n", ..good }, "conditions.tsv: there is no column `conditionId`"),
+        (
+            Problem { conditions: "conditionId\nd\n", ..good },
+            "measurements.tsv, line 2, column simulationConditionId: there is no condition `c`",
+        ),
+        (
+            Problem {
+                observables: "observableId,observableFormula,noiseFormula,noiseDistribution\ny,B,0.1,laplace\n",
+                ..good
+            },
+            "observables.tsv, line 2, column noiseDistribution: noise of the distribution `laplace` is not estimated",
+        ),
+        (
+            Problem { observables: "observableId,observableFormula,noiseFormula\ny,B +,0.1\n", ..good },
+            "observables.tsv, line 2, column observableFormula: `B +`: a number, a name or `(` is expected at character 4",
+        ),
+        (
+            Problem {
+                observables: "observableId,observableFormula,noiseFormula\ny,observableParameter1_y*B,0.1\n",
+                ..good
+            },
+            "column observableParameters: 1 values are needed for its observable, 0 are given",
+        ),
+        (
+            Problem { measurements: "observableId,simulationConditionId,time,measurement\ny,c,-1,1\n", ..good },
+            "measurements.tsv, line 2, column time: a time must be 0 or later",
+        ),
+        (
+            Problem {
+                parameters: "parameterId,parameterScale,lowerBound,upperBound,nominalValue,estimate\nk1,log2,1,2,1,1\n",
+                ..good
+            },
+            "parameters.tsv, line 2, column parameterScale: `log2` is not known",
+        ),
+    ];
+    for (problem, said) in cases {
+        let desk = written(problem);
+        let found = desk.refused("import problem.yaml -o p");
+        assert!(found.contains(said), "{said}\nin\n{found}");
+        assert!(!desk.path("p").exists());
+    }
+    let desk = written(good);
+    desk.write("problem.yaml", YAML.replace("format_version: 1", "format_version: 2.0.0"));
+    assert!(desk.refused("import problem.yaml -o p").contains("format_version 2.0.0 is not read; version 1 is"));
+    desk.write("problem.yaml", "[");
+    desk.refused("import problem.yaml -o p");
+    assert!(desk.refused("import nothing.txt -o p").contains("a PEtab problem ends with .yaml"));
+}
