@@ -606,7 +606,7 @@ impl<'a> ForwardSelection<'a> {
             front.iter_mut().for_each(|model| model.recommended = false);
             (last, new, written) = (None, old.clone(), None);
         }
-        // a law without a name, as a table in the text; recommended where nothing else is. Beside effects it is a rival, if it is likelier
+        // a law without a name, as a table in the text; recommended where nothing else is. Beside effects it is fitted where it is likelier
         let law = evidence.as_ref().filter(|_| (self.goes_on)()).and_then(|e| e.nonlinearities.curve());
         let effects = attribution.as_ref().and_then(|a| a.by_effect).unwrap_or(0.0).max(0.0);
         let left = explained.as_ref().is_some_and(ResidualEvidence::repeats);
