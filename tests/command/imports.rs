@@ -151,7 +151,7 @@ fn the_problem_that_is_shipped_is_read_and_fitted() {
         "A -> B : k1*A;",
         "B -> A : k2*B;",
         "known A_0 per run",
-        "output a_m = log(max(A, 1e-300));",
+        "output a_m \"titration\" = log(max(A, 1e-300));",
         "noise  a_m = 0.1;",
     ] {
         let spaced = |text: &str| text.split_whitespace().collect::<String>();
