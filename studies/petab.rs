@@ -53,9 +53,10 @@ fn imported(yaml: &Path) -> Result<(Desk, f64), String> {
     if !found.status.success() {
         return Err(String::from_utf8_lossy(&found.stderr).trim().to_string());
     }
-    let added = desk.text("p/IMPORT.md").split_once("Add ").map_or(0.0, |(_, rest)| {
-        rest.split_whitespace().next().and_then(|n| n.parse().ok()).unwrap_or(f64::NAN)
-    });
+    let added = desk
+        .text("p/IMPORT.md")
+        .split_once("Add ")
+        .map_or(0.0, |(_, rest)| rest.split_whitespace().next().and_then(|n| n.parse().ok()).unwrap_or(f64::NAN));
     Ok((desk, added))
 }
 
@@ -71,8 +72,10 @@ fn fitted(desk: &Desk, words: &str) -> Option<Value> {
 fn likelihoods() {
     let collection = folder("FDM_PETAB");
     println!("{:<36} {:>18} {:>18} {:>9} {:>8}", "problem", "log-likelihood", "published", "apart", "s");
-    let mut names: Vec<String> =
-        std::fs::read_dir(&collection).unwrap().map(|e| e.unwrap().file_name().to_string_lossy().into_owned()).collect();
+    let mut names: Vec<String> = std::fs::read_dir(&collection)
+        .unwrap()
+        .map(|e| e.unwrap().file_name().to_string_lossy().into_owned())
+        .collect();
     names.sort();
     for name in names {
         let Some(yaml) = description(&collection.join(&name)) else { continue };

@@ -145,7 +145,7 @@ impl Records<'_> {
         if settles {
             times.extend(doubling(PATIENCE * length, FIRST * length).map(|t| t + last));
         }
-        if times.len() == 1 {
+        if times.iter().all(|t| *t == 0.0) {
             // a record of one time alone has no interval
             times.push(length);
         }

@@ -20,6 +20,7 @@ use fdm_grammar::graph::show;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::{Accuracy, Scheme, Simulator, Steps, choose_steps, integration_error};
+use std::f64::consts::TAU;
 
 /// The outputs (q) whose noise is an expression and is not put aside by what was asked for: the place of one over the deviation among the outputs of
 /// [`with_precisions`](fdm_grammar::Model::with_precisions). None where there are none.
@@ -235,6 +236,12 @@ impl Fitting<'_> {
         let (mut outputs, mut runs, mut samples) = (Vec::new(), Vec::new(), Vec::new());
         let mut series: Vec<(String, Vec<OutputSeries>)> = names.iter().map(|n| (n.clone(), Vec::new())).collect();
         let mut squares = vec![(0.0, 0usize); q];
+        let given = |o: usize| match &self.options.options.noise {
+            Noise::Given(given) => given[o],
+            _ => None,
+        };
+        // of each output: squares over variances with the logarithms of these, for the likelihood
+        let mut misfits = vec![0.0; q];
         for (r, theta) in reached.iter().enumerate() {
             let mut simulator = self.simulator(r, theta)?;
             let simulated = simulator.outputs();
@@ -257,6 +264,8 @@ impl Fitting<'_> {
                 for (v, s) in cells().filter(|(v, _)| !v.is_nan()) {
                     let square = if self.deviations[o].is_some() { s * s } else { v * v };
                     squares[o] = (squares[o].0 + square, squares[o].1 + 1);
+                    let known = if self.deviations[o].is_some() { Some(*s) } else { given(o) };
+                    misfits[o] += known.map_or(0.0, |s| (v / s).powi(2) + 2.0 * s.ln());
                 }
                 if self.deviations[o].is_some() {
                     series[o].1.push(OutputSeries::of_run(&run.time, &response, &standardised, (o, q)));
@@ -265,6 +274,13 @@ impl Fitting<'_> {
             samples.push(NoiseOfSamples { run: run.name.clone(), deviations });
             runs.push(RunFit { run: run.name.clone(), response, residuals });
         }
+        // a variance that is estimated is the mean square, at which squares over variances are the number of samples
+        let twice = |(o, (sum, count)): (usize, &(f64, usize))| {
+            let count = *count as f64;
+            let is_known = self.deviations[o].is_some() || given(o).is_some() || count == 0.0;
+            count * TAU.ln() + if is_known { misfits[o] } else { count * (1.0 + (sum / count).ln()) }
+        };
+        let log_likelihood = -0.5 * squares.iter().enumerate().map(twice).sum::<f64>();
         let variances = squares.iter().map(|(sum, count)| sum / (*count).max(1) as f64);
         let mut noise = Symmetric { size: q, values: vec![0.0; q * q] };
         variances.enumerate().for_each(|(o, v)| noise.values[o * q + o] = v);
@@ -272,6 +288,7 @@ impl Fitting<'_> {
         let estimate = Estimate {
             outputs,
             runs,
+            log_likelihood: found.cost.map(|_| log_likelihood).filter(|l| l.is_finite()),
             noise: found.noise.as_ref().map(|_| noise),
             colours: found.colours.iter().filter(|c| shown(c)).cloned().collect(),
             noise_free: Vec::new(),
