@@ -160,22 +160,23 @@ impl Factors {
         let mut shared = vector.shared.clone();
         self.gains.iter().zip(&vector.own).for_each(|(gain, own)| shared.gemv_tr(-1.0, gain, own, 1.0));
         let shared = self.rest.solve(&shared);
-        let follow = |((own, gain), v): ((&Cholesky<f64, Dyn>, &DMatrix<f64>), &DVector<f64>)| {
-            let mut x = own.solve(v);
+        let mut own = Vec::with_capacity(self.own.len());
+        for ((factor, gain), v) in self.own.iter().zip(&self.gains).zip(&vector.own) {
+            let mut x = factor.solve(v);
             x.gemv(-1.0, gain, &shared, 1.0);
-            x
-        };
-        Parts { own: self.own.iter().zip(&self.gains).zip(&vector.own).map(follow).collect(), shared }
+            own.push(x);
+        }
+        Parts { shared, own }
     }
 
     /// The blocks of the inverse.
     pub(super) fn inverse(&self) -> Arrow {
         let shared = self.rest.inverse();
         let coupling: Vec<DMatrix<f64>> = self.gains.iter().map(|gain| -(gain * &shared)).collect();
-        let own = |((own, gain), coupling): ((&Cholesky<f64, Dyn>, &DMatrix<f64>), &DMatrix<f64>)| {
-            own.inverse() - coupling * gain.transpose()
-        };
-        let own = self.own.iter().zip(&self.gains).zip(&coupling).map(own).collect();
+        let mut own = Vec::with_capacity(self.own.len());
+        for ((factor, gain), coupling) in self.own.iter().zip(&self.gains).zip(&coupling) {
+            own.push(factor.inverse() - coupling * gain.transpose());
+        }
         Arrow { shared, coupling, own }
     }
 }

@@ -284,7 +284,8 @@ impl Instance {
         self.moving.mode = Mode::Event;
         let Moving { past, inputs, x, left, slopes, .. } = &mut self.moving;
         past.begin(time, inputs, x);
-        (left.0.clone_from(inputs), left.1.clone_from(slopes));
+        left.0.clone_from(inputs);
+        left.1.clone_from(slopes);
         self.changed(false);
         self.set_node()
     }
@@ -644,7 +645,8 @@ impl Instance {
         self.solver = Some(solver);
         done?;
         let Moving { inputs, slopes, left, .. } = &mut self.moving;
-        (left.0.copy_from_slice(inputs), left.1.copy_from_slice(slopes));
+        left.0.copy_from_slice(inputs);
+        left.1.copy_from_slice(slopes);
         slopes.fill(0.0);
         self.changed(false);
         self.set_node()
