@@ -326,7 +326,7 @@ mod tests {
         let square = nodes(&curve(&|x| x * x));
         assert_eq!((square.len(), square[8].at), (9, 1.0));
         let cubic = moments(&[0.0, 1.0, 8.0, 27.0, 64.0]).unwrap();
-        assert!((0..5).all(|k| (cubic[k] - 6.0 * k as f64).abs() < 1e-9), "{cubic}");
+        assert!((0..5_usize).all(|k| (cubic[k] - 6.0 * k as f64).abs() < 1e-9), "{cubic}");
         let waves = nodes(&curve(&|x| (30.0 * x).sin())).len();
         assert!((25..=49).contains(&waves), "{waves}");
         assert_eq!(nodes(&curve(&|x| (200.0 * x).sin())).len(), 97);
