@@ -94,29 +94,37 @@ pub fn system(model: &Model) -> Result<String, Unsuited> {
     let writer = Writer { model, names: &names, scale: definition.time.factor };
     let wanted = writer.wanted();
     let values = definition.params.iter().zip(&names.params).filter(|(p, _)| !p.is_recorded());
-    let stamp = Stamp::of(model);
+    let (stamp, at_start) = (Stamp::of(model), format!("{}/at-start", names.root));
     let body = html! {
         system name=(plain(model.name())) {
             @for (param, name) in values { property value=(number(param.value)) { (name) } }
             @for name in &names.inputs { property value="0" { (name) } }
             @for name in &names.states { property value="0" { (name) } }
             channel name=(format!("{} parameters", plain(model.name()))) {
-                (writer.program(&schedule.prepare, "p", &wanted, &|slot| format!("{}/k{slot}", names.root)))
+                (writer.program(&schedule.prepare, "p", &wanted, &|slot| writer.known(slot)))
             }
+            @for name in &names.states { property value="0" { (format!("{name}-rate")) } }
+            @for k in writer.delayed_inputs() { property value="0" { (writer.before(Signal::Input(k))) } }
             channel name=(format!("{} states", plain(model.name()))) {
-                @for (k, state) in names.states.iter().enumerate() {
-                    (defined(state, &html! { sum { property { (writer.initial(k)) } property { (format!("{state}-moved")) } } }))
-                }
-                @for d in 0..layout.delayed.len() { (writer.delay(d, known[layout.tau.start + d])) }
-                (writer.program(&schedule.rates, "f", &all(&schedule.rates), &|slot| format!("{}-rate", names.states[slot as usize])))
+                // the passes that JSBSim makes before the start move nothing
+                (defined(&at_start, &html! {
+                    product { value { "-1" } le { property { "simulation/sim-time-sec" } value { "0" } } }
+                }))
+                (writer.delays(&known[layout.tau.clone()]))
                 @for state in &names.states {
                     pid name=(format!("{state}-moved")) {
                         input { (format!("{state}-rate")) }
                         kp { "0" }
                         ki type="ab2" { (number(1.0 / writer.scale)) }
                         kd { "0" }
+                        trigger { (at_start) }
                     }
                 }
+                @for (k, state) in names.states.iter().enumerate() {
+                    (defined(state, &html! { sum { property { (writer.initial(k)) } property { (format!("{state}-moved")) } } }))
+                }
+                (writer.seen())
+                (writer.program(&schedule.rates, "f", &all(&schedule.rates), &|slot| format!("{}-rate", names.states[slot as usize])))
             }
             channel name=(format!("{} outputs", plain(model.name()))) {
                 (writer.program(&schedule.outputs, "y", &all(&schedule.outputs), &|slot| names.outputs[slot as usize].clone()))
@@ -130,6 +138,9 @@ pub fn system(model: &Model) -> Result<String, Unsuited> {
 fn number(value: f64) -> String {
     format!("{value:?}")
 }
+
+/// A delay of whole frames stays that, whatever rounding makes of its division by the length of a frame.
+const WHOLE: f64 = 1.0 + 1e-9;
 
 /// A function that sets a property.
 fn defined(name: &str, value: &Markup) -> Markup {
@@ -164,28 +175,64 @@ impl Writer<'_> {
         wanted
     }
 
-    /// The property of an initial value.
-    fn initial(&self, state: usize) -> String {
-        format!("{}/k{}", self.names.root, self.model.layout().initial.start + state)
+    /// The property of a number that depends on parameters alone. A dash stands in the name of no model's variable.
+    fn known(&self, slot: u32) -> String {
+        format!("{}/known-{slot}", self.names.root)
     }
 
-    /// A delayed signal. Before the start a state has its initial value, and an input is 0.
-    fn delay(&self, d: usize, tau: f64) -> Markup {
-        let name = format!("{}/late{d}", self.names.root);
-        let (from, own) = match self.model.layout().delayed[d] {
-            Signal::Input(k) => (self.names.inputs[k as usize].clone(), None),
-            // what it has moved since the start begins with 0
-            Signal::State(k) => (format!("{}-moved", self.names.states[k as usize]), Some(self.initial(k as usize))),
-        };
-        let moved = own.as_ref().map_or(name.clone(), |_| format!("{name}-moved"));
+    /// That of a delayed signal.
+    fn late(&self, d: usize) -> String {
+        format!("{}/delayed-{d}", self.names.root)
+    }
+
+    /// The property of an initial value.
+    fn initial(&self, state: usize) -> String {
+        self.known((self.model.layout().initial.start + state) as u32)
+    }
+
+    /// The property that a delay reads, in the frame before: what a state has moved since the start, or an input.
+    fn before(&self, signal: Signal) -> String {
+        match signal {
+            Signal::Input(k) => format!("{}-before", self.names.inputs[k as usize]),
+            Signal::State(k) => format!("{}-moved", self.names.states[k as usize]),
+        }
+    }
+
+    /// Delays, in front of all that moves: JSBSim's delay of n frames reaches back n - 1 frames behind what it reads, and this is of the
+    /// frame before. Before the start a state has its initial value, and an input is 0.
+    fn delays(&self, tau: &[f64]) -> Markup {
+        let delayed = &self.model.layout().delayed;
         html! {
-            pure_gain name=(moved) {
-                input { (from) }
-                gain { "1" }
-                @if tau > 0.0 { delay type="time" { (number(tau * self.scale)) } }
+            @for (d, signal) in delayed.iter().enumerate() {
+                actuator name=(format!("{}-moved", self.late(d))) {
+                    input { (self.before(*signal)) }
+                    @if tau[d] > 0.0 { delay type="time" { (number(tau[d] * self.scale * WHOLE)) } }
+                }
             }
-            @if let Some(initial) = own {
-                (defined(&name, &html! { sum { property { (initial) } property { (moved) } } }))
+            @for k in self.delayed_inputs() {
+                (defined(&self.before(Signal::Input(k)), &html! { sum { property { (self.names.inputs[k as usize]) } value { "0" } } }))
+            }
+        }
+    }
+
+    /// Inputs that are seen delayed, each once.
+    fn delayed_inputs(&self) -> BTreeSet<u32> {
+        let delayed = self.model.layout().delayed.iter();
+        delayed.filter_map(|s| if let Signal::Input(k) = s { Some(*k) } else { None }).collect()
+    }
+
+    /// Delayed signals as the equations see them.
+    fn seen(&self) -> Markup {
+        let delayed = &self.model.layout().delayed;
+        html! {
+            @for (d, signal) in delayed.iter().enumerate() {
+                @let moved = html! { property { (format!("{}-moved", self.late(d))) } };
+                @match signal {
+                    Signal::Input(_) => { (defined(&self.late(d), &html! { sum { (moved) value { "0" } } })) },
+                    Signal::State(k) => {
+                        (defined(&self.late(d), &html! { sum { (moved) property { (self.initial(*k as usize)) } } }))
+                    },
+                }
             }
         }
     }
@@ -225,20 +272,20 @@ impl Writer<'_> {
                         html! { quotient { (time) value { (number(self.scale)) } } }
                     };
                 }
-                Operand::Value(k) => format!("{}/{letter}{k}", self.names.root),
+                Operand::Value(k) => format!("{}/{letter}-{k}", self.names.root),
                 Operand::State(k) => self.names.states[k as usize].clone(),
                 Operand::Drive(k) => match (k as usize).checked_sub(self.names.inputs.len()) {
                     None => self.names.inputs[k as usize].clone(),
-                    Some(d) => format!("{}/late{d}", self.names.root),
+                    Some(d) => self.late(d),
                 },
                 Operand::Known(k) if is_prepare => self.names.params[k as usize].clone(),
-                Operand::Known(k) => format!("{}/k{k}", self.names.root),
+                Operand::Known(k) => self.known(k),
             };
             html! { property { (property) } }
         };
         html! {
             @for (k, instruction) in program.instructions.iter().enumerate().filter(|(k, _)| needed[*k]) {
-                (defined(&format!("{}/{letter}{k}", self.names.root), &operation(instruction.op, &instruction.args.map(read))))
+                (defined(&format!("{}/{letter}-{k}", self.names.root), &operation(instruction.op, &instruction.args.map(read))))
             }
             @for result in results() {
                 (defined(&named(result.slot), &html! { sum { (read(result.operand)) value { "0" } } }))

@@ -26,6 +26,7 @@ AIRCRAFT = """<?xml version="1.0"?>
   <location name="CG" unit="M"><x>0</x><y>0</y><z>0</z></location></mass_balance>
  <ground_reactions/>
  <system file="model"/>
+ <aerodynamics><axis name="DRAG"/><axis name="SIDE"/><axis name="LIFT"/><axis name="ROLL"/><axis name="PITCH"/><axis name="YAW"/></aerodynamics>
 </fdm_config>
 """
 
@@ -92,7 +93,7 @@ def main():
             found = [[flown[f"{root}/{n}"] for n in names]]
             for k in range(len(t) - 1):
                 for i in inputs:
-                    flown[f"{root}/{i}"] = u[k]
+                    flown[f"{root}/{i}"] = u[k + 1]
                 flown.run()
                 found.append([flown[f"{root}/{n}"] for n in names])
             found = np.array(found)

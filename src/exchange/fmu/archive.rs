@@ -123,11 +123,14 @@ fn suited(model: &Model) -> Result<(), FmuError> {
     Ok(())
 }
 
+/// Larger libraries hold debug information, and are stored: packing them would take longer than they are kept.
+const MOST_PACKED: usize = 32 << 20;
+
 fn packed(files: &Files) -> Result<Vec<u8>, FmuError> {
     let mut archive = ZipArchiveWriter::new(Vec::new());
     for (name, bytes) in files {
-        if name == DESCRIPTION {
-            // stored, so that the stamp stands in the first bytes of the file
+        // the description's stamp is to stand in the first bytes of the file
+        if name == DESCRIPTION || bytes.len() > MOST_PACKED {
             let (mut entry, config) = archive.new_file(name.as_str()).start()?;
             let mut data = config.wrap(&mut entry);
             data.write_all(bytes)?;

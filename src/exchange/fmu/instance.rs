@@ -593,19 +593,34 @@ impl Instance {
     pub fn update(&mut self) -> Result<Events, Refused> {
         let mut events = Events::default();
         self.raw_rates()?;
+        let Moving { node, inputs, x, .. } = &self.moving;
+        // where something jumps or bends it will be seen late; an event that only sees that has none of its own
+        let mut bent = node.1 != *inputs || node.2 != *x;
         let layout = self.model.layout();
         for (k, state) in layout.limited.iter().map(|s| *s as usize).enumerate() {
             let [lower, upper] = [0, 1].map(|side| self.known[layout.limits.start + 2 * k + side]);
             let x = self.moving.x[state];
             let resting = rests(layout, &self.known, state, x, self.raw[state]);
-            self.moving.held[k] = if !resting { 0 } else { 1 + u8::from(x >= upper) };
-            let inside = x.clamp(lower.min(upper), upper.max(lower));
+            let held = if resting { 1 + u8::from(x >= upper) } else { 0 };
+            bent |= held != self.moving.held[k];
+            self.moving.held[k] = held;
+            let inside = if x < lower {
+                lower
+            } else if x > upper {
+                upper
+            } else {
+                x
+            };
             if inside != x {
                 self.moving.x[state] = inside;
                 events.states_changed = true;
             }
         }
         self.fresh = (false, false);
+        if bent {
+            let time = self.moving.time;
+            self.moving.past.kink(time);
+        }
         events.next = self.moving.past.next_kink(self.moving.time, &self.known[layout.tau.clone()]);
         Ok(events)
     }
@@ -616,8 +631,6 @@ impl Instance {
     /// As [`Self::rates`].
     pub fn enter_continuous(&mut self) -> Result<(), Refused> {
         self.moving.mode = Mode::Running;
-        let time = self.moving.time;
-        self.moving.past.kink(time);
         self.set_node()
     }
 

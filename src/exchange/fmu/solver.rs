@@ -161,11 +161,17 @@ impl Course<'_> {
         Ok(())
     }
 
-    /// Rates at a time between steps.
-    fn rates(&self, t: f64, x: &[f64], row: &mut [f64], steps: &mut SingleStep, out: &mut [f64]) -> Result<(), usize> {
+    /// Rates at a time between steps, of states that rest at a limit too.
+    fn raw(&self, t: f64, x: &[f64], row: &mut [f64], steps: &mut SingleStep, out: &mut [f64]) -> Result<(), usize> {
         self.fill((t, x), (t, 0.0), row)?;
-        let layout = self.dynamics.layout();
         steps.rates(self.dynamics, Point { t: t - self.start, x, drive: row, known: self.known }, out);
+        Ok(())
+    }
+
+    /// The same, 0 where a state rests.
+    fn rates(&self, t: f64, x: &[f64], row: &mut [f64], steps: &mut SingleStep, out: &mut [f64]) -> Result<(), usize> {
+        self.raw(t, x, row, steps, out)?;
+        let layout = self.dynamics.layout();
         for state in layout.limited.iter().map(|s| *s as usize) {
             if rests(layout, self.known, state, x[state], out[state]) {
                 out[state] = 0.0;
@@ -279,6 +285,10 @@ impl Solver {
             let scheme = pace.scheme();
             pace.work += if scheme == Scheme::Radau { 10.0 + 3.0 * layout.states as f64 } else { 1.0 };
             let tried = self.attempt(&course, scheme, (t, x), (end, h), &pace.sizes);
+            let tried = tried.and_then(|error| {
+                let kept = self.left_late(&course, (t, x), (end, h), &pace.sizes)?;
+                Ok(error.max(kept))
+            });
             let error = match tried {
                 Ok(error) => error,
                 Err(Lost::Forgotten(d)) => {
@@ -372,6 +382,41 @@ impl Solver {
         }
         take_back(course.dynamics.layout(), course.known, &mut self.fine, |_, _| {});
         if worst.is_nan() { Err(Lost::Unsolved) } else { Ok(worst) }
+    }
+
+    /// The error of a step in which a state leaves its limit, or comes to rest there and should have left it again: comparing steps is
+    /// blind to that where both end at the limit.
+    fn left_late(
+        &mut self,
+        course: &Course<'_>,
+        (t, x): (f64, &[f64]),
+        (end, h): (f64, f64),
+        sizes: &[f64],
+    ) -> Result<f64, Lost> {
+        let layout = course.dynamics.layout();
+        if layout.limited.is_empty() {
+            return Ok(0.0);
+        }
+        let [first, last, _] = &mut self.rates;
+        let row = &mut self.drive[..layout.drive()];
+        course.raw(t, x, row, &mut self.explicit, first).map_err(Lost::Forgotten)?;
+        course.raw(end, &self.fine, row, &mut self.explicit, last).map_err(Lost::Forgotten)?;
+        let mut worst = 0.0_f64;
+        for (k, state) in layout.limited.iter().map(|s| *s as usize).enumerate() {
+            let (a, b) = (x[state], self.fine[state]);
+            let size = sizes[state].max(b.abs()).max(f64::MIN_POSITIVE);
+            for (side, outwards) in [-1.0, 1.0].into_iter().enumerate() {
+                let limit = course.known[layout.limits.start + 2 * k + side];
+                // what the state has moved too little or too much is at most the rate that should not have counted, for the whole step
+                if b == limit && outwards * last[state] < 0.0 {
+                    worst = worst.max(last[state].abs() * h / size);
+                }
+                if a == limit && b != limit && outwards * first[state] > 0.0 {
+                    worst = worst.max(first[state].abs() * h / size);
+                }
+            }
+        }
+        Ok(worst)
     }
 
     fn take(

@@ -112,13 +112,14 @@ fn responses_are_those_of_fdm() {
     let decades: Vec<f64> =
         std::iter::once(0.0).chain((0..13).map(|k| 10.0_f64.powf(f64::from(k) / 2.0 - 2.0))).collect();
     let wave = |t: f64, _: usize| (1.7 * t).sin() + 0.4;
-    let cases: [(&str, &str, &[f64], bool, f64); 6] = [
+    let cases: [(&str, &str, &[f64], bool, f64); 7] = [
         ("driven", DRIVEN, &even, false, 1e-9),
         ("driven, held", DRIVEN, &uneven, true, 1e-9),
         ("stiff", STIFF, &decades, true, 1e-9),
         ("late", LATE, &even, false, 1e-7),
         ("late, held", LATE, &even, true, 1e-6),
-        ("stopped", STOPPED, &even, true, 1e-6),
+        ("stopped, held", STOPPED, &even, true, 1e-6),
+        ("stopped", STOPPED, &even, false, 1e-6),
     ];
     for (name, text, time, held, least) in cases {
         let model = model(text);
@@ -158,6 +159,23 @@ fn a_late_jump_is_seen_when_it_comes() {
         instance.step(instance.time(), 0.1).unwrap();
         let exact = if t + 0.1 > 0.33 { 1.0 - (-(t + 0.1 - 0.33)).exp() } else { 0.0 };
         assert!((instance.get(output).unwrap() - exact).abs() < 1e-10, "{t}");
+    }
+}
+
+/// Closed form: an integrator that rests at its limit until its input changes its sign in the middle of a step.
+#[test]
+fn a_limit_is_left_when_the_rate_turns() {
+    let model = model("model m { input u; state x = 0; limit x in [-1, 0.3]; der(x) = u; output y = x; }");
+    let mut instance = Instance::new(&model);
+    let input = of(&instance, Kind::Input(0));
+    instance.set(input, 1.0).unwrap();
+    instance.begin().unwrap();
+    for (h, exact) in [(1.05, 0.3 - 0.5 * 0.05 * 0.05), (0.95, 0.3 - 0.5)] {
+        instance.set(input, 1.0 - instance.time()).unwrap();
+        instance.set_slope(input, -1.0).unwrap();
+        instance.step(instance.time(), h).unwrap();
+        let x = instance.state_values()[0];
+        assert!((x - exact).abs() < 1e-7, "{x} and {exact}");
     }
 }
 
