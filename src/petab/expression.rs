@@ -298,7 +298,6 @@ fn call(out: &mut String, name: &str, list: &[Expr], time: &str) {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use crate::formula::formula;
 
     #[test]

@@ -172,10 +172,11 @@ impl Sbml {
         }
         let named = ["listOfCompartments", "listOfParameters", "listOfSpecies"];
         for node in model.children().filter(|n| named.contains(&n.tag_name().name())).flat_map(|l| l.children()) {
-            if let (Some(id), Some(title)) = (node.attribute("id"), node.attribute("name")) {
-                if id != title && !title.trim().is_empty() {
-                    self.titles.insert(id.into(), title.trim().into());
-                }
+            if let (Some(id), Some(title)) = (node.attribute("id"), node.attribute("name"))
+                && id != title
+                && !title.trim().is_empty()
+            {
+                self.titles.insert(id.into(), title.trim().into());
             }
         }
     }

@@ -277,12 +277,10 @@ impl Bands<'_> {
             let numbers = slopes.into_iter().take(own).enumerate().map(|(k, slope)| (size + k, slope));
             // the lower half, each number before those behind it
             let mut known = [(0, 0.0); 2 + NUMBERS];
-            let mut count = 0;
-            for (k, slope) in hat.parts().chain(numbers) {
-                known[count] = (k, slope);
-                count += 1;
+            for (last, (k, slope)) in hat.parts().chain(numbers).enumerate() {
+                known[last] = (k, slope);
                 found.gradient[k] += cell.freedom * (1.0 - ratio) * slope;
-                for (other, its) in &known[..count] {
+                for (other, its) in &known[..=last] {
                     found.information[(k, *other)] += cell.freedom * slope * its;
                 }
             }
