@@ -5,6 +5,7 @@
 //! Source: JSBSim Reference Manual, flight control components and functions.
 
 use crate::Stamp;
+use crate::xml::lines;
 use fdm_grammar::graph::Signal;
 use fdm_grammar::model::{Origin, Quantity};
 use fdm_grammar::op::Op;
@@ -132,7 +133,7 @@ pub fn system(model: &Model) -> Result<String, Unsuited> {
         }
     };
     let said = format!("Written by fdm {}; {stamp}", env!("CARGO_PKG_VERSION"));
-    Ok(format!("<?xml version=\"1.0\"?>\n<!-- {said} -->\n{}\n", body.into_string().replace("><", ">\n<")))
+    Ok(format!("<?xml version=\"1.0\"?>\n<!-- {said} -->\n{}\n", lines(&body.into_string())))
 }
 
 fn number(value: f64) -> String {

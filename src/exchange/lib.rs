@@ -11,5 +11,6 @@ pub mod source;
 mod stamp;
 pub mod state_space;
 pub mod verify;
+mod xml;
 
 pub use stamp::Stamp;

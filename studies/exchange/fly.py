@@ -1,4 +1,4 @@
-"""Models of `fdm export --to jsbsim` in JSBSim beside `fdm simulate`: 20 s at 120 Hz, within 1 % of each output's range.
+"""Models of `fdm export --to jsbsim` in JSBSim beside `fdm simulate`: 20 s at `RATE` Hz (120), within 1 % of each output's range.
 
 usage: fly.py FDM [MODELS]   (a program of fdm, the folder `models`; needs the package jsbsim and NumPy)
 """
@@ -14,7 +14,7 @@ import tempfile
 import jsbsim
 import numpy as np
 
-RATE = 120.0
+RATE = float(os.environ.get("RATE", "120"))
 END = 20.0
 
 AIRCRAFT = """<?xml version="1.0"?>
@@ -84,8 +84,9 @@ def main():
             flown = jsbsim.FGFDMExec(folder, None)
             flown.set_debug_level(0)
             flown.set_aircraft_path("aircraft")
-            flown.load_model("carrier")
+            # the components take their rate when they are read
             flown.set_dt(1.0 / RATE)
+            flown.load_model("carrier")
             for i in inputs:
                 flown[f"{root}/{i}"] = u[0]
             # the first pass computes the outputs at 0

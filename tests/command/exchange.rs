@@ -87,7 +87,11 @@ fn what_cannot_be_exported_or_verified_is_said() {
     let desk = desk();
     assert!(desk.refused("export m.fdm --to fmu").contains("a unit is not text"));
     assert!(desk.refused("export m.fdm --to fmu -o a.fmu --library none.so").contains("none.so"));
-    let ahead = export(&desk, "export m.fdm --to fmu -o a.fmu --set tau=-0.1");
+    desk.write(
+        "ahead.fdm",
+        "model a { input u; param skew = -0.1 in [-0.5, 0.5]; state x = 0; der(x) = delay(u, skew) - x; output y = x; }",
+    );
+    let ahead = export(&desk, "export ahead.fdm --to fmu -o a.fmu");
     assert!(said(&ahead).contains("a unit cannot look ahead"), "{}", said(&ahead));
     desk.write("mine.fmu", "my own");
     assert!(desk.refused("export m.fdm --to control -o mine.fmu").contains("left alone"));

@@ -87,8 +87,8 @@ pub(super) struct Past {
     states: Track,
     /// When the run began.
     start: f64,
-    /// Times at which a signal that is seen delayed may bend or jump.
-    kinks: Vec<f64>,
+    /// Times at which a signal that is seen delayed may jump or bend, and how often it was seen delayed by then: each time it is smoother.
+    kinks: Vec<(f64, u8)>,
 }
 
 /// A piece that is not finished: values at its ends (all inputs, or all states).
@@ -118,6 +118,9 @@ pub(super) struct Seen {
     /// Its derivative by the signal's value now.
     pub(super) now: f64,
 }
+
+/// Kinks that were seen delayed more often are smooth enough for the control of the steps.
+const MOST_OFTEN: u8 = 2;
 
 impl Past {
     pub(super) fn new(layout: &Layout) -> Self {
@@ -155,7 +158,7 @@ impl Past {
         self.states.begin(states);
         self.start = t;
         self.kinks.clear();
-        self.kinks.push(t);
+        self.kinks.push((t, 0));
     }
 
     /// Adds a piece of the inputs.
@@ -170,14 +173,30 @@ impl Past {
 
     /// A signal may bend or jump here.
     pub(super) fn kink(&mut self, t: f64) {
-        if !self.is_empty() && self.kinks.last().is_none_or(|last| *last < t) {
-            self.kinks.push(t);
+        self.add_kink(t, 0);
+    }
+
+    fn add_kink(&mut self, t: f64, often: u8) {
+        if self.is_empty() {
+            return;
+        }
+        match self.kinks.last_mut() {
+            Some(last) if last.0 >= t => last.1 = last.1.min(often),
+            _ => self.kinks.push((t, often)),
+        }
+    }
+
+    /// A step has ended where a kink is seen, delayed by one of these: the states bend there, and that will be seen delayed.
+    pub(super) fn passed(&mut self, t: f64, tau: &[f64]) {
+        let seen = self.kinks.iter().filter(|(kink, _)| tau.iter().any(|tau| kink + tau == t));
+        if let Some(often) = seen.map(|(_, often)| often + 1).min().filter(|often| *often <= MOST_OFTEN) {
+            self.add_kink(t, often);
         }
     }
 
     /// The next time behind `t` at which a kink is seen, delayed by one of these.
     pub(super) fn next_kink(&self, t: f64, tau: &[f64]) -> Option<f64> {
-        let seen = tau.iter().flat_map(|tau| self.kinks.iter().map(move |kink| kink + tau));
+        let seen = tau.iter().flat_map(|tau| self.kinks.iter().map(move |(kink, _)| kink + tau));
         seen.filter(|seen| *seen > t).min_by(f64::total_cmp)
     }
 
@@ -185,7 +204,7 @@ impl Past {
     pub(super) fn forget(&mut self, before: f64) {
         self.inputs.forget(before);
         self.states.forget(before);
-        self.kinks.retain(|kink| *kink >= before);
+        self.kinks.retain(|(kink, _)| *kink >= before);
     }
 
     /// A signal at the time `s`; `vanishing` for an input that is zero before the start. None where that part of the past was left out.

@@ -5,6 +5,7 @@ use super::instance::TOLERANCE;
 use super::variables::{Kind, Variable, Variables};
 use super::version::Version;
 use crate::Stamp;
+use crate::xml::lines;
 use fdm_grammar::Unit;
 use fdm_grammar::graph::Leaf;
 use fdm_grammar::op::ExprId;
@@ -27,9 +28,7 @@ pub(super) fn description(contents: &Contents<'_>, stamp: &Stamp) -> String {
         Version::Two => about.two(),
         Version::Three => about.three(),
     };
-    let text = format!("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<!-- {stamp} -->\n{}\n", body.into_string());
-    // for people: a line for each element
-    text.replace("><", ">\n<")
+    format!("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<!-- {stamp} -->\n{}\n", lines(&body.into_string()))
 }
 
 /// A number as XML writes it.

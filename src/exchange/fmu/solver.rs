@@ -329,6 +329,7 @@ impl Solver {
                     [c0[k], c1[k]] = bends(h, ends, (self.middle[k], between[k]));
                 }
                 past.states(Open { from: t, to: end, first: x, last: &self.fine }, [first, last], [c0, c1]);
+                past.passed(end, tau);
             }
             x.copy_from_slice(&self.fine);
             pace.sizes.iter_mut().zip(&*x).for_each(|(size, x)| *size = size.max(x.abs()));

@@ -287,7 +287,7 @@ fn derivatives_are_those_of_differences() {
             }
             matrix.push(exact);
         }
-        assert!(nonzero > 2, "{nonzero}");
+        assert!(nonzero > 1, "{nonzero}");
         let seed: Vec<f64> = (0..unknowns.len()).map(|k| 0.3 + k as f64).collect();
         let mut adjoint = vec![0.0; knowns.len()];
         instance.adjoint(&unknowns, &knowns, &seed, &mut adjoint).unwrap();

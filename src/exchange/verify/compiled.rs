@@ -16,9 +16,9 @@ type Call = unsafe extern "C" fn(i32, f64, *const *const f64, *const *mut f64);
 /// Its name in the library.
 const CALL: &str = "fdm_verified_call";
 
-/// How many arrays each function writes, in the order of [`Site::expected`]: of parameters; of rates, and of outputs with
-/// partials; and partials by inputs.
-const WRITES: [usize; 4] = [1, 4, 4, 2];
+/// How many arrays each function writes, in the order of [`Site::expected`]: of parameters; of rates, without and with
+/// partials; of outputs, the same; and partials by inputs.
+const WRITES: [usize; 6] = [1, 1, 4, 1, 4, 2];
 
 /// The source, and a function that calls its functions.
 pub(super) fn c_files(model: &Model, text: &str) -> Files {
@@ -33,8 +33,10 @@ void {CALL}(int which, double t, const double *const *in, double *const *out)
 {{
     switch (which) {{
     case 0: {p}_prepare(in[0], out[0]); break;
-    case 1: {p}_rates_and_partials(t, in[0], in[1], in[2], out[0], out[1], out[2], out[3]); break;
-    case 2: {p}_outputs_and_partials(t, in[0], in[1], in[2], out[0], out[1], out[2], out[3]); break;
+    case 1: {p}_rates(t, in[0], in[1], in[2], out[0]); break;
+    case 2: {p}_rates_and_partials(t, in[0], in[1], in[2], out[0], out[1], out[2], out[3]); break;
+    case 3: {p}_outputs(t, in[0], in[1], in[2], out[0]); break;
+    case 4: {p}_outputs_and_partials(t, in[0], in[1], in[2], out[0], out[1], out[2], out[3]); break;
     default: {p}_by_input(t, in[0], in[1], in[2], out[0], out[1]);
     }}
 }}
@@ -68,8 +70,10 @@ pub unsafe extern \"C\" fn {CALL}(which: i32, t: f64, reads: *const *const f64, 
     macro_rules! w {{ ($p:expr) => {{ unsafe {{ &mut *$p.cast() }} }} }}
     match which {{
         0 => model::prepare(a!(i(0)), w!(o(0))),
-        1 => model::rates_and_partials(t, a!(i(0)), a!(i(1)), a!(i(2)), w!(o(0)), w!(o(1)), w!(o(2)), w!(o(3))),
-        2 => model::outputs_and_partials(t, a!(i(0)), a!(i(1)), a!(i(2)), w!(o(0)), w!(o(1)), w!(o(2)), w!(o(3))),
+        1 => model::rates(t, a!(i(0)), a!(i(1)), a!(i(2)), w!(o(0))),
+        2 => model::rates_and_partials(t, a!(i(0)), a!(i(1)), a!(i(2)), w!(o(0)), w!(o(1)), w!(o(2)), w!(o(3))),
+        3 => model::outputs(t, a!(i(0)), a!(i(1)), a!(i(2)), w!(o(0))),
+        4 => model::outputs_and_partials(t, a!(i(0)), a!(i(1)), a!(i(2)), w!(o(0)), w!(o(1)), w!(o(2)), w!(o(3))),
         _ => model::by_input(t, a!(i(0)), a!(i(1)), a!(i(2)), w!(o(0)), w!(o(1))),
     }}
 }}

@@ -71,9 +71,11 @@ impl Site {
         vec![
             ("what parameters alone determine", known),
             ("derivatives of the states", row[..n].to_vec()),
+            ("derivatives of the states", row[..n].to_vec()),
             ("their partials by states", f_x),
             ("their partials by delayed signals", f_delayed),
             ("their partials by parameters", f_theta.collect()),
+            ("outputs", out[..q].to_vec()),
             ("outputs", out[..q].to_vec()),
             ("partials of outputs by states", y_x.to_vec()),
             ("partials of outputs by delayed signals", y_delayed.to_vec()),
