@@ -555,7 +555,9 @@ impl Instance {
     /// Leaves out what no delay reaches.
     pub(super) fn forget(&mut self) {
         let longest = self.known[self.model.layout().tau.clone()].iter().copied().fold(0.0, f64::max);
-        let before = self.moving.time - longest;
+        // steps end where delayed kinks are seen: pieces begin just where the longest delay reaches, but for rounding
+        let slack = 1e-6 * longest + 64.0 * f64::EPSILON * self.moving.time.abs();
+        let before = self.moving.time - longest - slack;
         self.moving.past.forget(before);
     }
 

@@ -161,16 +161,30 @@ impl Course<'_> {
         Ok(())
     }
 
-    /// Rates at a time between steps, of states that rest at a limit too.
-    fn raw(&self, t: f64, x: &[f64], row: &mut [f64], steps: &mut SingleStep, out: &mut [f64]) -> Result<(), usize> {
-        self.fill((t, x), (t, 0.0), row)?;
+    /// Rates at an end of a step, of states that rest at a limit too; where a signal jumps just there, on this side of it.
+    fn raw(
+        &self,
+        (t, side): (f64, f64),
+        x: &[f64],
+        row: &mut [f64],
+        steps: &mut SingleStep,
+        out: &mut [f64],
+    ) -> Result<(), usize> {
+        self.fill((t, x), (t, side), row)?;
         steps.rates(self.dynamics, Point { t: t - self.start, x, drive: row, known: self.known }, out);
         Ok(())
     }
 
     /// The same, 0 where a state rests.
-    fn rates(&self, t: f64, x: &[f64], row: &mut [f64], steps: &mut SingleStep, out: &mut [f64]) -> Result<(), usize> {
-        self.raw(t, x, row, steps, out)?;
+    fn rates(
+        &self,
+        at: (f64, f64),
+        x: &[f64],
+        row: &mut [f64],
+        steps: &mut SingleStep,
+        out: &mut [f64],
+    ) -> Result<(), usize> {
+        self.raw(at, x, row, steps, out)?;
         let layout = self.dynamics.layout();
         for state in layout.limited.iter().map(|s| *s as usize) {
             if rests(layout, self.known, state, x[state], out[state]) {
@@ -315,10 +329,11 @@ impl Solver {
             if delays_states {
                 let [first, last, between] = &mut self.rates;
                 let row = &mut self.drive[..layout.drive()];
-                let mut rates = |t: f64, x: &[f64], out: &mut [f64]| course.rates(t, x, row, &mut self.explicit, out);
-                let found = rates(t, x, first)
-                    .and_then(|()| rates(end, &self.fine, last))
-                    .and_then(|()| rates(t + 0.5 * h, &self.middle, between));
+                let mut rates =
+                    |at: (f64, f64), x: &[f64], out: &mut [f64]| course.rates(at, x, row, &mut self.explicit, out);
+                let found = rates((t, 1.0), x, first)
+                    .and_then(|()| rates((end, -1.0), &self.fine, last))
+                    .and_then(|()| rates((t + 0.5 * h, 0.0), &self.middle, between));
                 if let Err(d) = found {
                     crossed = Err(Refused::Forgotten { name: instance.delayed_name(d), tau: tau[d] });
                     break;
@@ -400,8 +415,8 @@ impl Solver {
         }
         let [first, last, _] = &mut self.rates;
         let row = &mut self.drive[..layout.drive()];
-        course.raw(t, x, row, &mut self.explicit, first).map_err(Lost::Forgotten)?;
-        course.raw(end, &self.fine, row, &mut self.explicit, last).map_err(Lost::Forgotten)?;
+        course.raw((t, 1.0), x, row, &mut self.explicit, first).map_err(Lost::Forgotten)?;
+        course.raw((end, -1.0), &self.fine, row, &mut self.explicit, last).map_err(Lost::Forgotten)?;
         let mut worst = 0.0_f64;
         for (k, state) in layout.limited.iter().map(|s| *s as usize).enumerate() {
             let (a, b) = (x[state], self.fine[state]);

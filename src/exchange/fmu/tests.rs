@@ -116,8 +116,8 @@ fn responses_are_those_of_fdm() {
         ("driven", DRIVEN, &even, false, 1e-9),
         ("driven, held", DRIVEN, &uneven, true, 1e-9),
         ("stiff", STIFF, &decades, true, 1e-9),
-        ("late", LATE, &even, false, 1e-7),
-        ("late, held", LATE, &even, true, 1e-6),
+        ("late", LATE, &even, false, 1e-9),
+        ("late, held", LATE, &even, true, 1e-9),
         ("stopped, held", STOPPED, &even, true, 1e-6),
         ("stopped", STOPPED, &even, false, 1e-6),
     ];
