@@ -133,7 +133,7 @@ fn likelihood(desk: &Desk) -> f64 {
         .text("p/IMPORT.md")
         .split_once("Add ")
         .map_or(0.0, |(_, rest)| rest.split_whitespace().next().unwrap().parse::<f64>().unwrap());
-    found["log_likelihood"].as_f64().unwrap() + added
+    found["log_likelihood"].as_f64().unwrap_or_else(|| panic!("{found}")) + added
 }
 
 #[track_caller]

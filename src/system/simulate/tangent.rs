@@ -629,9 +629,14 @@ mod tests {
             let column = |s: &[f64]| -> Vec<f64> { s.chunks_exact(stage.lanes).map(|row| row[lane]).collect() };
             assert_eq!(column(&part), column(&whole), "{masses}: the column that is asked for");
             // the lag is reached by its own parameters alone, and no tile of others has its row
-            let touched: usize = plan.tiles.iter().map(|t| t.rows.len() * t.vectors).sum();
-            let across = stage.lanes / VECTOR;
-            assert!(plan.tiles.len() == 1 || touched < layout.states * across, "{masses}");
+            let p = &layout.patterns;
+            let reaching = p.rates_by_param.entries().chain(p.initial_by_param.entries()).filter(|(_, i, _)| *i == 0);
+            let lanes: Vec<usize> = reaching.filter_map(|(_, _, j)| Some(stage.lane[j]? as usize / VECTOR)).collect();
+            for tile in &plan.tiles {
+                let has_its_row = plan.rows[tile.rows.clone()].iter().any(|row| row.state == 0);
+                let reaches = lanes.iter().any(|l| (tile.first..tile.first + tile.vectors).contains(l));
+                assert_eq!(has_its_row, reaches, "{masses}: {tile:?}");
+            }
             assert_eq!(few.tiles.iter().map(|t| t.vectors).sum::<usize>(), 1, "{masses}");
             assert!(plan.tiles.iter().all(|t| t.lag <= 3 && t.ring <= 12), "{masses}: {:?}", plan.tiles);
         }
