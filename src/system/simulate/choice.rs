@@ -23,6 +23,10 @@ const MOST_UNEVEN: usize = 100_000;
 const MOST_PASSES: usize = 6;
 /// Local tolerance with which the sizes of states and outputs are found.
 const ROUGH: f64 = 1e-4;
+/// Ratio of the longest to the shortest interval from which derivatives are asked as well, and the part of their largest by which halved
+/// steps may move them.
+const GRADED: f64 = 1000.0;
+const ROUGH_SENSITIVITY: f64 = 1e-3;
 /// Smallest local tolerance.
 const FINEST: f64 = 1e-13;
 
@@ -247,7 +251,34 @@ impl Choice<'_> {
             coarse = next;
             fine *= 2;
         }
-        Ok(best)
+        self.with_sensitivities(best)
+    }
+
+    /// Infinite error where the sensitivities of explicit steps are none. A model at rest stays there whatever the step, so that its response
+    /// says nothing of steps that are far too long; where intervals differ by so much, derivatives are asked.
+    fn with_sensitivities(&self, found: Accuracy) -> Result<Accuracy, Unsuited> {
+        let intervals = || self.run.time.windows(2).map(|w| w[1] - w[0]);
+        let (shortest, longest) = (intervals().fold(f64::INFINITY, f64::min), intervals().fold(0.0, f64::max));
+        if found.steps.scheme() != Scheme::RungeKutta || !found.error.is_finite() || longest <= GRADED * shortest {
+            return Ok(found);
+        }
+        let columns: Vec<usize> = (0..self.dynamics.layout().params).collect();
+        let stride = columns.len().next_multiple_of(8);
+        let at = |steps: Steps| -> Result<Option<Vec<f64>>, Unsuited> {
+            let mut simulator = Simulator::new(self.dynamics, self.run, steps)?;
+            let rows = simulator.samples() * simulator.outputs();
+            let (mut y, mut jacobian) = (vec![0.0; rows], vec![0.0; rows * stride]);
+            Ok(simulator.sensitivities(self.theta, &columns, &mut y, &mut jacobian).is_ok().then_some(jacobian))
+        };
+        let (coarse, fine) = (at(found.steps.clone())?, at(found.steps.halved())?);
+        let (Some(coarse), Some(fine)) = (coarse, fine) else { return Ok(Accuracy { error: f64::INFINITY, ..found }) };
+        let agree = columns.iter().all(|column| {
+            let of = |jacobian: &[f64], row: usize| jacobian[row * stride + column];
+            let rows = 0..fine.len() / stride.max(1);
+            let largest = rows.clone().fold(0.0, |l: f64, row| l.max(of(&fine, row).abs()));
+            rows.into_iter().all(|row| (of(&coarse, row) - of(&fine, row)).abs() <= ROUGH_SENSITIVITY * largest)
+        });
+        Ok(if agree { found } else { Accuracy { error: f64::INFINITY, ..found } })
     }
 
     /// Steps as long as accuracy allows; none when there are no such steps, or more than `most`.
@@ -275,7 +306,10 @@ impl Choice<'_> {
             }
             tolerance = (tolerance * (0.5 * self.aim.enough / error).clamp(1e-3, 0.3)).max(FINEST);
         }
-        Ok(best)
+        Ok(match best {
+            Some(best) => Some(self.with_sensitivities(best)?).filter(|found| found.error.is_finite()),
+            None => None,
+        })
     }
 
     fn most_uneven(&self) -> usize {
@@ -539,6 +573,33 @@ mod tests {
         let rough = choose_steps_within(model.dynamics(), &run, &theta, 1e-4).unwrap();
         assert!(exact.error <= 1e-8 && rough.error <= 1e-4, "{exact:?} {rough:?}");
         assert!(2 * rough.steps.total(run.len()) <= exact.steps.total(run.len()), "{exact:?} {rough:?}");
+    }
+
+    /// What is at rest stays there whatever the step; its derivatives by parameters do not.
+    #[test]
+    fn sensitivities_at_rest_are_those_of_the_model() {
+        let text = "model rest { param k = 0.15, l = 0.6; state a = 2; state b = 1; der(a) = l*b - k*a^2; der(b) = k*a^2 - l*b; output y = b; }";
+        let model = Model::from_text("rest.fdm", text).unwrap();
+        let time = vec![-1e5, -5e4, -1e3, 0.0, 0.5];
+        let run = Run {
+            name: "r".into(),
+            measured: vec![1.0; time.len()],
+            output_gaps: vec![0],
+            time,
+            inputs: Vec::new(),
+            held: Vec::new(),
+            input_gaps: Vec::new(),
+        };
+        let theta = model.definition().start();
+        let chosen = choose_steps(model.dynamics(), &run, &theta).unwrap();
+        assert_eq!(chosen.steps.scheme(), Scheme::Radau);
+        let mut simulator = Simulator::new(model.dynamics(), &run, chosen.steps).unwrap();
+        let (mut y, mut jacobian) = (vec![0.0; run.len()], vec![0.0; run.len() * 8]);
+        simulator.sensitivities(&theta, &[0, 1], &mut y, &mut jacobian).unwrap();
+        // k a^2 = l b with a + b = 3
+        let (by_k, by_l) = (4.0 / 1.2, -1.0 / 1.2);
+        let last = &jacobian[8 * (run.len() - 1)..];
+        assert!((last[0] / by_k - 1.0).abs() < 1e-6 && (last[1] / by_l - 1.0).abs() < 1e-6, "{last:?}");
     }
 
     /// An oscillation of 5000 rad/s between samples of 0.1 s.
