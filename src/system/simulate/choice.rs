@@ -13,6 +13,7 @@ use super::steps::{Grid, Scheme, Steps};
 use crate::dynamics::{Dynamics, Layout};
 use crate::record::Run;
 use fdm_grammar::graph::Signal;
+use fdm_numeric::lanes::VECTOR;
 
 /// Steps per run beyond which halving stops: what remains is said, not hidden.
 const MOST_STEPS: usize = 4_000_000;
@@ -187,8 +188,10 @@ impl Choice<'_> {
         let enough = (self.work.radau / self.work.runge_kutta) as usize;
         let enough = enough.clamp(4, MOST_PER_INTERVAL);
         let equal = self.equal(Scheme::RungeKutta, enough, STALLS)?;
-        if equal.error <= self.aim.enough || !self.may_be_uneven() || self.dynamics.layout().states > MOST_IMPLICIT {
-            return if equal.error <= self.aim.enough { Ok(equal) } else { self.explicit(MOST_STEPS) };
+        let good = equal.error <= self.aim.enough;
+        let alone = !self.may_be_uneven() || self.dynamics.layout().states > MOST_IMPLICIT;
+        if alone || good && self.sensitivities_stand(&equal.steps)? {
+            return if good { Ok(equal) } else { self.explicit(MOST_STEPS) };
         }
         let Some(implicit) = self.uneven(Scheme::Radau, self.most_uneven())? else { return self.explicit(MOST_STEPS) };
         if implicit.error > self.aim.enough {
@@ -197,11 +200,8 @@ impl Choice<'_> {
         }
         let worth = implicit.steps.total(samples) as f64 * self.work.radau / self.work.runge_kutta;
         let explicit = self.explicit((worth as usize).min(MOST_STEPS))?;
-        Ok(if explicit.error <= self.aim.enough && explicit.steps.total(samples) as f64 <= worth {
-            explicit
-        } else {
-            implicit
-        })
+        let fewer = explicit.error <= self.aim.enough && explicit.steps.total(samples) as f64 <= worth;
+        Ok(if fewer && self.sensitivities_stand(&explicit.steps)? { explicit } else { implicit })
     }
 
     /// The best explicit steps that are not more than `most`.
@@ -251,34 +251,33 @@ impl Choice<'_> {
             coarse = next;
             fine *= 2;
         }
-        self.with_sensitivities(best)
+        Ok(best)
     }
 
-    /// Infinite error where the sensitivities of explicit steps are none. A model at rest stays there whatever the step, so that its response
-    /// says nothing of steps that are far too long; where intervals differ by so much, derivatives are asked.
-    fn with_sensitivities(&self, found: Accuracy) -> Result<Accuracy, Unsuited> {
+    /// Whether halving explicit steps leaves the sensitivities. A model at rest stays there whatever the step, so that its response says nothing
+    /// of steps that are far too long. Asked only where intervals differ by much.
+    fn sensitivities_stand(&self, steps: &Steps) -> Result<bool, Unsuited> {
         let intervals = || self.run.time.windows(2).map(|w| w[1] - w[0]);
         let (shortest, longest) = (intervals().fold(f64::INFINITY, f64::min), intervals().fold(0.0, f64::max));
-        if found.steps.scheme() != Scheme::RungeKutta || !found.error.is_finite() || longest <= GRADED * shortest {
-            return Ok(found);
+        let lanes = &self.dynamics.layout().stage.lane;
+        let columns: Vec<usize> = (0..lanes.len()).filter(|param| lanes[*param].is_some()).collect();
+        if longest <= GRADED * shortest || columns.is_empty() {
+            return Ok(true);
         }
-        let columns: Vec<usize> = (0..self.dynamics.layout().params).collect();
-        let stride = columns.len().next_multiple_of(8);
+        let stride = columns.len().next_multiple_of(VECTOR);
         let at = |steps: Steps| -> Result<Option<Vec<f64>>, Unsuited> {
             let mut simulator = Simulator::new(self.dynamics, self.run, steps)?;
             let rows = simulator.samples() * simulator.outputs();
             let (mut y, mut jacobian) = (vec![0.0; rows], vec![0.0; rows * stride]);
             Ok(simulator.sensitivities(self.theta, &columns, &mut y, &mut jacobian).is_ok().then_some(jacobian))
         };
-        let (coarse, fine) = (at(found.steps.clone())?, at(found.steps.halved())?);
-        let (Some(coarse), Some(fine)) = (coarse, fine) else { return Ok(Accuracy { error: f64::INFINITY, ..found }) };
-        let agree = columns.iter().all(|column| {
+        let (Some(coarse), Some(fine)) = (at(steps.clone())?, at(steps.halved())?) else { return Ok(false) };
+        Ok((0..columns.len()).all(|column| {
             let of = |jacobian: &[f64], row: usize| jacobian[row * stride + column];
-            let rows = 0..fine.len() / stride.max(1);
+            let rows = 0..fine.len() / stride;
             let largest = rows.clone().fold(0.0, |l: f64, row| l.max(of(&fine, row).abs()));
             rows.into_iter().all(|row| (of(&coarse, row) - of(&fine, row)).abs() <= ROUGH_SENSITIVITY * largest)
-        });
-        Ok(if agree { found } else { Accuracy { error: f64::INFINITY, ..found } })
+        }))
     }
 
     /// Steps as long as accuracy allows; none when there are no such steps, or more than `most`.
@@ -306,10 +305,7 @@ impl Choice<'_> {
             }
             tolerance = (tolerance * (0.5 * self.aim.enough / error).clamp(1e-3, 0.3)).max(FINEST);
         }
-        Ok(match best {
-            Some(best) => Some(self.with_sensitivities(best)?).filter(|found| found.error.is_finite()),
-            None => None,
-        })
+        Ok(best)
     }
 
     fn most_uneven(&self) -> usize {
@@ -578,7 +574,7 @@ mod tests {
     /// What is at rest stays there whatever the step; its derivatives by parameters do not.
     #[test]
     fn sensitivities_at_rest_are_those_of_the_model() {
-        let text = "model rest { param k = 0.15, l = 0.6; state a = 2; state b = 1; der(a) = l*b - k*a^2; der(b) = k*a^2 - l*b; output y = b; }";
+        let text = "model rest { param fixed_one = 1 fixed; param k = 0.15, l = 0.6; state a = 2; state b = 1; der(a) = l*b - k*a^2; der(b) = k*a^2 - l*b; output y = fixed_one*b; }";
         let model = Model::from_text("rest.fdm", text).unwrap();
         let time = vec![-1e5, -5e4, -1e3, 0.0, 0.5];
         let run = Run {
@@ -595,7 +591,7 @@ mod tests {
         assert_eq!(chosen.steps.scheme(), Scheme::Radau);
         let mut simulator = Simulator::new(model.dynamics(), &run, chosen.steps).unwrap();
         let (mut y, mut jacobian) = (vec![0.0; run.len()], vec![0.0; run.len() * 8]);
-        simulator.sensitivities(&theta, &[0, 1], &mut y, &mut jacobian).unwrap();
+        simulator.sensitivities(&theta, &[1, 2], &mut y, &mut jacobian).unwrap();
         // k a^2 = l b with a + b = 3
         let (by_k, by_l) = (4.0 / 1.2, -1.0 / 1.2);
         let last = &jacobian[8 * (run.len() - 1)..];
