@@ -124,7 +124,7 @@ class Draws(Answer):
     ``az.from_dict(**draws.arviz)``."""
 
     @classmethod
-    def _of(cls, made: _fdm.Answer) -> Draws:  # type: ignore[override]
+    def _of(cls, made: _fdm.Answer) -> Draws:
         found = super()._of(made)
         groups = json.loads(dict(made.files)["draws.json"])
         found.arviz = {group: {name: np.array(v, dtype=float) for name, v in variables.items()} for group, variables in groups.items()}
