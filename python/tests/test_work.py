@@ -366,5 +366,5 @@ def test_draws_come_as_arrays_and_agree_with_the_fit(tmp_path):
     again = fit.sample(chains=2, draws=300, warmup=200, seed=2, progress=False)
     fdm.set_threads(None)
     assert (again["k"] == k).all()
-    ranks = m.calibrate(decaying(n=40), repeats=20, warmup=100, progress=False)
-    assert ranks.done == 20 and sum(ranks.parameters[0].counts) == 20
+    ranks = m.calibrate(decaying(n=40), repeats=2, warmup=50, progress=False)
+    assert ranks.done == 2 and sum(ranks.parameters[0].counts) == 2
