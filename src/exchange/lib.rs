@@ -3,7 +3,7 @@
 //! **In** a [`Model`](fdm_system::Model) with the values of its parameters. **Out** functional mock-up units ([`fmu`]), stand-alone
 //! source ([`source`]), systems of JSBSim ([`jsbsim`]), linear models ([`state_space`]), and what a given file computes beside what the model does
 //! ([`verify`]). Every file carries the [`Stamp`] of the model that it was made from.
-//! **Never** a fit, and nothing of a result folder. **Start** at [`fmu::write`] and [`verify::verify`].
+//! **Never** a fit, and nothing of a result folder. **Start** at [`fmu::write`] and [`verify::Artefact`].
 
 pub mod fmu;
 pub mod jsbsim;

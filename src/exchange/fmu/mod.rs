@@ -1,4 +1,4 @@
-//! Functional mock-up units of FMI 2.0 and 3.0, for model exchange and co-simulation: written by [`write`], computed by [`Instance`].
+//! Functional mock-up units of FMI 2.0 and 3.0, for model exchange and co-simulation: written by [`write()`], computed by [`Instance`].
 //!
 //! A unit holds one prebuilt library, the same for all models: the package `fdm-fmu`, which gives [`Instance`] the functions of the
 //! standard. It reads the model's text from `resources/` when an instance is made, and interprets it; no compiler is needed.
