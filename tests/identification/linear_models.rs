@@ -116,10 +116,10 @@ fn a_helicopter_in_three_subsystems() {
     assert_eq!(subsystems, 3);
 }
 
-/// Thirteen masses in a row: more states than a recursion is worth in any case. Springs so stiff that steps would have to be short make it
-/// worth its matrices, soft ones do not.
+/// Thirteen masses in a row: more states than are discretised exactly in any case. With stiff springs, whose steps would have to be short,
+/// exact discretisation pays; with soft ones it does not.
 #[test]
-fn many_states_are_worth_a_recursion_where_steps_would_be_short() {
+fn many_states_are_discretised_exactly_where_steps_would_be_short() {
     let chain = |stiffness: f64| -> String {
         let masses = 13;
         let mut text = String::from("model chain { input u; param b = 2;\n");
