@@ -163,6 +163,16 @@ pub(crate) fn study<'py>(
     Ok((Answer::new(py, answer, interrupted), columns))
 }
 
+/// What work says that can be watched and stopped.
+fn answered(
+    py: Python<'_>,
+    progress: Option<Py<PyAny>>,
+    work: impl FnOnce(&request::Watch) -> Result<request::Answer, request::Refusal> + Send,
+) -> PyResult<Answer> {
+    let (found, interrupted) = watched(py, progress, work)?;
+    Ok(Answer::new(py, found.map_err(|e| refused(py, e))?, interrupted))
+}
+
 /// `fdm sample`, over these records or over the files that the result was fitted to.
 #[pyfunction]
 pub(crate) fn sample(
@@ -173,8 +183,7 @@ pub(crate) fn sample(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Answer> {
     let records = all(&records);
-    let (found, interrupted) = watched(py, progress, |watch| request::sample(&files, records, &words, watch))?;
-    Ok(Answer::new(py, found.map_err(|e| refused(py, e))?, interrupted))
+    answered(py, progress, |watch| request::sample(&files, records, &words, watch))
 }
 
 /// `fdm study --calibration`.
@@ -187,8 +196,7 @@ pub(crate) fn calibrate(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Answer> {
     let records = all(&records);
-    let (found, interrupted) = watched(py, progress, |watch| request::calibrate(&model.model, records, &words, watch))?;
-    Ok(Answer::new(py, found.map_err(|e| refused(py, e))?, interrupted))
+    answered(py, progress, |watch| request::calibrate(&model.model, records, &words, watch))
 }
 
 /// `fdm profile`.
@@ -201,8 +209,7 @@ pub(crate) fn profile(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Answer> {
     let records = all(&records);
-    let (found, interrupted) = watched(py, progress, |watch| request::profile(&model.model, records, &words, watch))?;
-    Ok(Answer::new(py, found.map_err(|e| refused(py, e))?, interrupted))
+    answered(py, progress, |watch| request::profile(&model.model, records, &words, watch))
 }
 
 /// `fdm design`, with the inputs of the planned runs as files.
@@ -216,9 +223,7 @@ pub(crate) fn design(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Answer> {
     let records = all(&records);
-    let work = |watch: &request::Watch| request::design(&model.model, records, result.as_deref(), &words, watch);
-    let (found, interrupted) = watched(py, progress, work)?;
-    Ok(Answer::new(py, found.map_err(|e| refused(py, e))?, interrupted))
+    answered(py, progress, |watch| request::design(&model.model, records, result.as_deref(), &words, watch))
 }
 
 /// `fdm spectra`.

@@ -174,7 +174,7 @@ impl Choice<'_> {
         suited.then(|| Scheme::Recursion { subsystems: discrete::subsystems(layout) })
     }
 
-    /// Steps of the exact recursion: only delayed inputs ask for more than one in an interval.
+    /// Steps of exact discretisation: only delayed inputs ask for more than one in an interval.
     fn exact(&self, scheme: Scheme) -> Result<Accuracy, Unsuited> {
         if self.dynamics.layout().delayed.is_empty() {
             return Ok(Accuracy { steps: Steps::equal(scheme, 1), error: 0.0 });

@@ -36,7 +36,7 @@ const PRODUCTS: f64 = 30.0;
 const NEAR: f64 = 1e5;
 const FAR: f64 = 3.0;
 
-/// Whether a model's response is a recursion, and its matrices are not too large to be kept.
+/// Whether a model can be discretised exactly, with matrices that are not too large to be kept.
 pub(super) fn possible(layout: &Layout) -> bool {
     is_recursion(layout) && partition(layout, observed(layout)).iter().all(is_kept)
 }
@@ -61,7 +61,7 @@ fn is_kept(part: &Part) -> bool {
     part.states.len().pow(2) * (part.params.len() + VECTOR) <= MOST_NUMBERS
 }
 
-/// Operations of a step of the recursion with its sensitivities, in a run of so many of them; its coefficients are among them.
+/// Operations of a step of the exact discretisation with its sensitivities, in a run of so many of them; its coefficients are among them.
 pub(super) fn work(layout: &Layout, steps: usize) -> f64 {
     let of = |part: &Part| {
         let (n, lanes) = (part.states.len() as f64, (part.params.len() + 1).next_multiple_of(VECTOR) as f64);
