@@ -189,10 +189,20 @@ fn found(folder: &ResultFolder) -> Result<Model, Failure> {
 /// The posterior of a result over its runs, and what is to be said of it.
 fn posterior(folder: &ResultFolder, model: &Model, runs: Vec<Run>) -> Result<(Posterior, Vec<String>), Failure> {
     let definition = model.definition();
-    if folder.result().fit().is_none() {
+    let Some(fit) = folder.result().fit() else {
         return Err(Failure::input(["regressions have no posterior; fit the model by output error"]));
-    }
+    };
     let mut remarks = Vec::new();
+    let mut coloured: Vec<String> =
+        fit.noise_colour.iter().filter(|c| !c.is_white()).map(|c| format!("`{}`", c.output)).collect();
+    coloured.dedup();
+    if !coloured.is_empty() {
+        remarks.push(format!(
+            "note: residuals of {} are coloured, and draws take them for white: deviations and bands are too narrow; \
+             trust the corrected errors of the fit",
+            coloured.join(", ")
+        ));
+    }
     if definition.states.iter().any(|s| s.noise.is_some()) {
         remarks.push("note: process noise is left out, as by output error".to_string());
     }
@@ -201,7 +211,7 @@ fn posterior(folder: &ResultFolder, model: &Model, runs: Vec<Run>) -> Result<(Po
         remarks.push("note: the noises of the outputs are taken for independent".to_string());
     }
     let known = |k: usize| if let Noise::Given(given) = noise { given.get(k).copied().flatten() } else { None };
-    let estimated = folder.result().fit().and_then(|fit| fit.noise_covariance.as_ref());
+    let estimated = fit.noise_covariance.as_ref();
     let deviation = |k: usize| estimated.and_then(|c| c.get(k)?.get(k).copied()).map_or(1.0, f64::sqrt);
     let noise = (0..definition.outputs.len()).map(|k| known(k).map_or((deviation(k), false), |d| (d, true))).collect();
     let mut theta = Vec::new();
