@@ -149,7 +149,6 @@ fn single_files_of_others_are_replaced_with_force_only() {
         ("report base -o @", "page.html", true),
         ("plot base --figure history-1-1 -o @", "figure.svg", true),
         ("plot base --figure history-1-1 --dark -o @", "dark.svg", true),
-        #[cfg(feature = "png")]
         ("plot base --figure history-1-1 -o @", "figure.png", true),
         ("codegen gain.fdm --lang c --out @", "gain.c", true),
         ("codegen gain.fdm --lang rust --out @", "gain.rs", true),

@@ -1,6 +1,5 @@
 //! Pages of results without a browser: the same from memory and from the folder, figures by name, the server of one machine.
 
-#[cfg(feature = "png")]
 use crate::pixels::Pixels;
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read, Write};
@@ -105,15 +104,6 @@ fn figures_have_names_and_become_files() {
 }
 
 #[test]
-#[cfg(not(feature = "png"))]
-fn a_build_without_png_says_so() {
-    let desk = desk();
-    let said = desk.refused("plot result --figure history-1-1 -o y.png");
-    assert!(said.contains("--features png") && said.contains(".svg"), "{said}");
-}
-
-#[test]
-#[cfg(feature = "png")]
 fn pixels_are_as_many_as_asked_and_the_same_every_time() {
     let desk = desk();
     let drawn = |words: &str| {

@@ -396,12 +396,8 @@ impl<S: Simd> Tangent<'_, S> {
             while first < end {
                 first += match end - first {
                     1 => self.tile::<1>(tile, first, s, scratch),
-                    2 => self.tile::<2>(tile, first, s, scratch),
-                    3 => self.tile::<3>(tile, first, s, scratch),
-                    4 => self.tile::<4>(tile, first, s, scratch),
-                    5 => self.tile::<5>(tile, first, s, scratch),
-                    6 => self.tile::<6>(tile, first, s, scratch),
-                    7 => self.tile::<7>(tile, first, s, scratch),
+                    2..4 => self.tile::<2>(tile, first, s, scratch),
+                    4..8 => self.tile::<4>(tile, first, s, scratch),
                     _ => self.tile::<8>(tile, first, s, scratch),
                 };
             }
