@@ -125,7 +125,7 @@ fn temperature(theta: &[f64], t: f64) -> f64 {
 #[test]
 fn a_relay_has_its_closed_form() {
     let thermostat = model(THERMOSTAT);
-    let run = run(&thermostat, even(160, 0.107));
+    let run = run(&thermostat, even(160, 0.109));
     compare(&thermostat, &run, 8, |theta, t| vec![temperature(theta, t)], 1e-8);
 }
 

@@ -423,8 +423,11 @@ impl Events {
             }
             let secant = high - weight[1] * (high - low) / (weight[1] - weight[0]);
             let inside = secant > low && secant < high && trial % 3 != 2;
-            let middle =
-                if inside { secant.clamp(low + finest, high - 0.5 * finest) } else { low + 0.5 * (high - low) };
+            // not nearer to an end than can be told apart; both ends then come near
+            let middle = match inside {
+                true => secant.max(low + finest).min(high - 0.5 * finest),
+                false => low + 0.5 * (high - low),
+            };
             if middle <= low || middle >= high {
                 break;
             }
