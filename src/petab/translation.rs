@@ -8,7 +8,7 @@ use crate::records::{Records, Switch, lead};
 use crate::sbml::{Event, Reaction, Sbml, Species};
 use crate::tables::{Problem, Row};
 use crate::values::{Channel, Phases, cell, cells, written};
-use crate::version_two::{NEVER, just_before};
+use crate::version_two::{NEVER, Setting, just_before};
 use crate::writing;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -115,7 +115,7 @@ fn changes(
 ) -> Result<Vec<Channel>, Vec<String>> {
     let mut channels = Vec::new();
     for change in &problem.changes {
-        let of: Vec<Option<&(f64, Vec<(String, Row)>)>> = (measured.experiments.iter())
+        let of: Vec<Option<&Setting>> = (measured.experiments.iter())
             .map(|e| change.by_experiment.get(problem.conditions.get(e.condition)?.get("conditionId")?))
             .collect();
         let mut targets: Vec<&String> = Vec::new();
@@ -128,13 +128,13 @@ fn changes(
             continue;
         }
         let own = names.fresh("time_of_change");
-        let at = |change: &Option<&(f64, Vec<(String, Row)>)>| change.map_or(NEVER, |(time, _)| just_before(*time));
+        let at = |change: &Option<&Setting>| change.map_or(NEVER, |(time, _)| just_before(*time));
         let values = of.iter().map(|change| [at(change); 2]).collect();
         let about = "when values change in the middle of the experiment".into();
         channels.push(Channel { name: own.clone(), about, values });
         let mut assigned = Vec::new();
         for target in targets {
-            let formula = |change: &Option<&(f64, Vec<(String, Row)>)>| -> Option<Expr> {
+            let formula = |change: &Option<&Setting>| -> Option<Expr> {
                 let (_, sets) = (*change)?;
                 let set = sets.iter().find(|(own, _)| own == target);
                 Some(set.and_then(|(_, row)| cell(row, "targetValue")).unwrap_or_else(|| name(target)))

@@ -16,11 +16,14 @@ pub(crate) struct Tables {
     pub(crate) mapping: Vec<Row>,
 }
 
+/// A time, and what is set then: name and formula.
+pub(crate) type Setting = (f64, Vec<(String, Row)>);
+
 /// Values that names get at a time in the middle of an experiment.
 #[derive(Debug, Clone)]
 pub(crate) struct Change {
-    /// By the experiment's name: the time, and what is set: name and formula.
-    pub(crate) by_experiment: BTreeMap<String, (f64, Vec<(String, Row)>)>,
+    /// By the experiment's name.
+    pub(crate) by_experiment: BTreeMap<String, Setting>,
 }
 
 /// The same in the form of version 1.

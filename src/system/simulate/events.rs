@@ -388,16 +388,14 @@ impl Events {
             self.values[event]
         };
         let mut over = guard(high);
-        if !(over > 0.0) && high < end {
+        if above(over).is_none() && high < end {
             (low, high) = (high, end);
             over = guard(high);
         }
-        if !(over > 0.0) {
-            return None;
-        }
+        above(over)?;
         let finest = 2.0 * f64::EPSILON * stretch.h;
         let mut under = if low > begin { guard(low) } else { self.guards[event] };
-        if !(under < 0.0) {
+        if above(-under).is_none() {
             if !self.armed[event] {
                 return None;
             }
@@ -452,6 +450,11 @@ impl Events {
         let at = if under.abs() <= over.abs() { low } else { high };
         Some(Instant { event, at, left: under.abs() + over.abs(), repeats: false })
     }
+}
+
+/// A number above zero; what is not a number is not.
+fn above(value: f64) -> Option<f64> {
+    (value > 0.0).then_some(value)
 }
 
 /// Where guards are looked at.
