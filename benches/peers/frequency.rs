@@ -22,7 +22,7 @@ struct Linear {
     response: FrequencyResponse,
 }
 
-const NOT_FINITE: Divergence = Divergence { time: 0.0, state: None, sample: 0 };
+const NOT_FINITE: Divergence = Divergence { time: 0.0, state: None, sample: 0, event: None };
 
 impl Linear {
     fn evaluated(&mut self, theta: &[f64]) -> Result<(), Divergence> {

@@ -63,6 +63,7 @@ module.exports = grammar({
         $.smooth,
         $.requirement,
         $.limit,
+        $.when,
         $.use,
         $.reactions,
       ),
@@ -103,6 +104,7 @@ module.exports = grammar({
     noise: ($) => seq('noise', list($.setting), ';'),
     tie: ($) => seq('tie', list($.setting), ';'),
     trim: ($) => seq('trim', '{', repeat(seq($.setting, ';')), '}'),
+    when: ($) => seq('when', field('condition', $.expression), '{', repeat(seq($.setting, ';')), '}'),
     setting: ($) => seq(choice($.reference, $.element, $.call), '=', $.expression),
 
     table: ($) =>

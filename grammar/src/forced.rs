@@ -146,6 +146,7 @@ impl Forced {
                 initial: news[count + k],
                 noise: None,
                 limits: None,
+                resets: Vec::new(),
             });
         }
         Some(added)

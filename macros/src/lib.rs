@@ -44,6 +44,11 @@ fn expand(tokens: TokenStream) -> TokenStream {
         );
         return refusal([error((Span::call_site(), Span::call_site()), &message)].into_iter());
     }
+    if compiled.model.has_events() {
+        let message = "model! does not know events (`when`)\n\
+                       hint: put the model into a .fdm file and load it with fdm::Model::from_file";
+        return refusal([error((Span::call_site(), Span::call_site()), message)].into_iter());
+    }
     let used: Vec<&str> = source.texts()[1..].iter().map(|t| t.name()).collect();
     emit::model(&compiled.schedule, &written.text, &used)
 }

@@ -11,7 +11,7 @@ use std::path::PathBuf;
 /// What `fdm import` takes.
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
-    /// Problem of PEtab (its .yaml file, version 1), or model of SBML (.xml)
+    /// Problem of PEtab (its .yaml file, version 1 or 2), or model of SBML (.xml)
     #[arg(value_name = "PROBLEM")]
     problem: PathBuf,
     /// Folder that is made: model.fdm, runs.csv, runs/, fdm.toml, and IMPORT.md with what was left out

@@ -112,6 +112,9 @@ impl Response<'_> {
     pub(crate) fn faults(&self, model: &Model) -> Vec<String> {
         let name = &self.run.name;
         let diverges = self.divergence.map(|d| {
+            if let Some(event) = d.event {
+                return format!("run `{name}` ends at time {}: {event}", d.time);
+            }
             let state = d.state.map_or(String::from("an output"), |s| {
                 format!("state `{}`", model.definition().states[s].quantity.name)
             });

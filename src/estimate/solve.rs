@@ -273,7 +273,9 @@ fn stopped(problem: &Problem<'_>, failure: RunFailure) -> Termination {
     let response = &problem.runs[failure.run].response;
     match failure.failure {
         Failure::Diverged(d) if response.frequency(d.sample).is_some() => Termination::Unanswered { run },
-        Failure::Diverged(d) => Termination::Diverged { run, time: d.time, state: d.state, sample: d.sample },
+        Failure::Diverged(d) => {
+            Termination::Diverged { run, time: d.time, state: d.state, sample: d.sample, event: d.event }
+        }
         Failure::NotFinite { output, sample, param } => Termination::NotFinite {
             run,
             output: problem.outputs[output].clone(),

@@ -53,7 +53,7 @@ impl Response for Closed {
             let y = &mut y[k * self.q..(k + 1) * self.q];
             (self.sample)(*x, theta, y, &mut partials);
             if y.iter().any(|v| v.is_infinite()) {
-                return Err(Divergence { time: *x, state: Some(0), sample: k });
+                return Err(Divergence { time: *x, state: Some(0), sample: k, event: None });
             }
         }
         Ok(())

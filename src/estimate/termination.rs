@@ -3,6 +3,7 @@
 use crate::observer::{Observer, Stop};
 pub use fdm_numeric::least_squares::Reason;
 use fdm_numeric::least_squares::Summary;
+use fdm_system::simulate::EventFault;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -27,6 +28,9 @@ pub enum Termination {
         state: Option<usize>,
         /// The sample (from 0) that was not reached.
         sample: usize,
+        /// Not the numbers but an event ended the run.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        event: Option<EventFault>,
     },
     /// In the frequency domain: there is no response at the start values; nothing was estimated.
     Unanswered {
@@ -111,6 +115,9 @@ impl fmt::Display for Termination {
             Self::IterationLimit => write!(f, "not converged: all iterations were used"),
             Self::NoProgress => {
                 write!(f, "not converged: no step lowers the cost, though its slope is not zero here")
+            }
+            Self::Diverged { run, time, event: Some(event), .. } => {
+                write!(f, "run `{run}` ends at time {time} already at the start values: {event}")
             }
             Self::Diverged { run, time, .. } => {
                 write!(f, "run `{run}` diverges at time {time} already at the start values")

@@ -21,6 +21,9 @@ pub enum Unsuited {
     /// A state with hard limits, which the integrators do not know.
     #[error("`{0}` has limits, which JSBSim's integrators do not know: write `limit {0} in [a, b] smooth w;`")]
     Limited(String),
+    /// Events, which a system of JSBSim has no place for.
+    #[error("the model has events (`when`), for which a system of JSBSim has no place")]
+    Events,
     /// A first sample, which JSBSim does not keep.
     #[error("the model takes `initial({0})`: JSBSim does not keep first samples; make it a param")]
     First(String),
@@ -77,6 +80,9 @@ pub fn system(model: &Model) -> Result<String, Unsuited> {
     let (definition, layout, schedule) = (model.definition(), model.layout(), model.schedule());
     if let Some(state) = layout.limited.first() {
         return Err(Unsuited::Limited(definition.states[*state as usize].quantity.name.clone()));
+    }
+    if definition.has_events() {
+        return Err(Unsuited::Events);
     }
     if let Some((_, input)) = layout.first.iter().find(|(_, input)| !definition.inputs[*input as usize].known) {
         return Err(Unsuited::First(definition.inputs[*input as usize].quantity.name.clone()));

@@ -21,6 +21,7 @@ pub(crate) struct Sbml {
     pub(crate) rates: Vec<(String, Expr)>,
     /// Values when the simulation begins.
     pub(crate) initial: BTreeMap<String, Expr>,
+    pub(crate) events: Vec<Event>,
     /// What a name is called by its authors.
     pub(crate) titles: BTreeMap<String, String>,
 }
@@ -51,6 +52,13 @@ pub(crate) struct Reaction {
     pub(crate) products: Vec<(String, f64)>,
     /// Amount for each unit of time.
     pub(crate) law: Expr,
+}
+
+/// Names that get new values when a condition becomes true.
+#[derive(Debug)]
+pub(crate) struct Event {
+    pub(crate) trigger: Expr,
+    pub(crate) assigned: Vec<(String, Expr)>,
 }
 
 /// Reads lists of elements of one kind.
@@ -108,6 +116,23 @@ impl Sbml {
         let functions = functions(model, &mut wrong);
         read.declarations(model, &mut wrong);
         read.rules(model, &functions, &mut wrong);
+        for node in list(model, "listOfEvents", "event") {
+            match event(node, &functions) {
+                Ok(event) => read.events.push(event),
+                Err(e) => {
+                    let id = node.attribute("id").map(|id| format!(" `{id}`")).unwrap_or_default();
+                    wrong.push(format!("line {}: event{id}: {e}", line(node)));
+                }
+            }
+        }
+        for (id, _) in read.events.iter().flat_map(|e| &e.assigned) {
+            let holds = |s: &Species| s.compartment == *id && !s.is_amount;
+            if read.species.iter().any(holds) {
+                wrong.push(format!(
+                    "an event sets the size of `{id}`, in which concentrations would jump: that is not read"
+                ));
+            }
+        }
         for node in list(model, "listOfReactions", "reaction") {
             match reaction(node, &functions) {
                 Ok((reaction, local)) => {
@@ -130,7 +155,6 @@ impl Sbml {
     /// What the language has not.
     fn refuse(&self, model: Node<'_, '_>, wrong: &mut Vec<String>) {
         let what = [
-            ("event", "events are not in the language yet"),
             ("algebraicRule", "an algebraic rule is an equation without a rate: solve it for one of its names"),
             ("stoichiometryMath", "the number of a species in a reaction must not be a formula"),
         ];
@@ -219,6 +243,33 @@ fn species(node: Node<'_, '_>) -> Result<Species, String> {
         is_amount: is(node, "hasOnlySubstanceUnits"),
         is_held: is(node, "boundaryCondition") || is(node, "constant"),
     })
+}
+
+/// An event that happens at once.
+fn event(node: Node<'_, '_>, functions: &Functions) -> Result<Event, String> {
+    let child = |name: &str| node.children().find(|n| n.tag_name().name() == name);
+    for (name, why) in [
+        ("delay", "what happens after a delay is not read"),
+        ("priority", "an order by priority is not read; events at one instant happen in the order of the text"),
+    ] {
+        if child(name).is_some() {
+            return Err(why.into());
+        }
+    }
+    let trigger = child("trigger").ok_or("it has no trigger")?;
+    if trigger.attribute("initialValue") == Some("false") {
+        return Err("a trigger that counts as false before the simulation begins is not read".into());
+    }
+    let formula = |node: Node<'_, '_>| -> Result<Expr, String> {
+        let found = math(node).and_then(|m| m.ok_or_else(|| "it has no formula".into()))?;
+        written_out(found, functions, 0)
+    };
+    let assigned = list(node, "listOfEventAssignments", "eventAssignment").map(|a| -> Result<(String, Expr), String> {
+        let variable = a.attribute("variable").ok_or("an assignment without a variable")?;
+        Ok((variable.to_string(), formula(a)?))
+    });
+    let assigned = assigned.collect::<Result<Vec<_>, String>>()?;
+    Ok(Event { trigger: formula(trigger)?, assigned })
 }
 
 /// A reaction, and the parameters that its law has for itself, under names of their own.

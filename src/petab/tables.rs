@@ -1,6 +1,8 @@
-//! The tables of a PEtab problem (version 1), with the place of every cell for messages.
+//! The tables of a PEtab problem, with the place of every cell for messages.
 
+use crate::version_two::{Change, Tables, unified};
 use serde::Deserialize;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// What the YAML file of a problem says.
@@ -10,6 +12,28 @@ struct Description {
     parameter_file: Option<Several>,
     #[serde(default)]
     problems: Vec<Files>,
+    /// From here on of version 2.
+    #[serde(default)]
+    model_files: BTreeMap<String, ModelFile>,
+    #[serde(default)]
+    parameter_files: Vec<String>,
+    #[serde(default)]
+    condition_files: Vec<String>,
+    #[serde(default)]
+    experiment_files: Vec<String>,
+    #[serde(default)]
+    observable_files: Vec<String>,
+    #[serde(default)]
+    measurement_files: Vec<String>,
+    #[serde(default)]
+    mapping_files: Vec<String>,
+}
+
+/// A model of a problem of version 2.
+#[derive(Debug, Deserialize)]
+struct ModelFile {
+    location: String,
+    language: String,
 }
 
 #[derive(Debug, Deserialize)]
@@ -50,6 +74,10 @@ pub(crate) struct Problem {
     pub(crate) measurements: Vec<Row>,
     /// Columns of the table of conditions beside its own.
     pub(crate) overridden: Vec<String>,
+    /// What changes in the middle of experiments (version 2).
+    pub(crate) changes: Vec<Change>,
+    /// Whether a value that was set before the experiment stays where nothing new is set (version 2).
+    pub(crate) persists: bool,
 }
 
 /// A row of a table.
@@ -85,6 +113,24 @@ impl Row {
         number(text).ok_or_else(|| self.says(column, &format!("`{text}` is not a number")))
     }
 
+    /// A row of these cells that stands where another does.
+    pub(crate) fn made(place: Option<&Self>, cells: Vec<(String, String)>) -> Self {
+        let (file, line) = place.map_or_else(|| (std::rc::Rc::from(""), 0), |row| (row.file.clone(), row.line));
+        let (columns, cells): (Vec<String>, Vec<String>) = cells.into_iter().unzip();
+        Self { file, line, columns: columns.into(), cells }
+    }
+
+    /// The same row with other cells, or with further ones.
+    pub(crate) fn with(&self, cells: Vec<(String, String)>) -> Self {
+        let mut all: Vec<(String, String)> = cells;
+        for (column, cell) in self.columns.iter().zip(&self.cells) {
+            if !all.iter().any(|(own, _)| own == column) {
+                all.push((column.clone(), cell.clone()));
+            }
+        }
+        Self::made(Some(self), all)
+    }
+
     /// What is to be said of a cell, with its place.
     pub(crate) fn says(&self, column: &str, what: &str) -> String {
         format!("{}, line {}, column {column}: {what}", self.file, self.line)
@@ -99,6 +145,11 @@ pub(crate) fn number(text: &str) -> Option<f64> {
         "nan" => None,
         _ => text.parse().ok(),
     }
+}
+
+/// What the reader of YAML says, without a word that whoever prints it says too.
+fn plain(said: &str) -> &str {
+    said.strip_prefix("error: ").unwrap_or(said)
 }
 
 fn read(path: &Path) -> Result<String, String> {
@@ -158,14 +209,19 @@ impl Problem {
     pub(crate) fn read(yaml: &Path) -> Result<Self, Vec<String>> {
         let one = |e: String| vec![e];
         let text = read(yaml).map_err(one)?;
-        let description: Description =
-            serde_saphyr::from_str(&text).map_err(|e| vec![format!("{}: {e}", yaml.display())])?;
-        let version = match description.format_version {
+        let description: Description = serde_saphyr::from_str(&text)
+            .map_err(|e| vec![format!("{}: {}", yaml.display(), plain(&e.to_string()))])?;
+        let version = match &description.format_version {
             Version::Number(n) => n.to_string(),
-            Version::Text(text) => text,
+            Version::Text(text) => text.clone(),
         };
-        if version.split('.').next() != Some("1") {
-            return Err(vec![format!("{}: format_version {version} is not read; version 1 is", yaml.display())]);
+        match version.split('.').next() {
+            Some("1") => {}
+            Some("2") => return Self::second(yaml, &description),
+            _ => {
+                let what = "is not read; versions 1 and 2 are";
+                return Err(vec![format!("{}: format_version {version} {what}", yaml.display())]);
+            }
         }
         let [files] = &description.problems[..] else {
             let found = description.problems.len();
@@ -199,6 +255,61 @@ impl Problem {
         if !wrong.is_empty() {
             return Err(wrong);
         }
-        Ok(Self { sbml_file: sbml_file.clone(), sbml, parameters, conditions, observables, measurements, overridden })
+        Ok(Self {
+            sbml_file: sbml_file.clone(),
+            sbml,
+            parameters,
+            conditions,
+            observables,
+            measurements,
+            overridden,
+            changes: Vec::new(),
+            persists: false,
+        })
+    }
+
+    /// The files of a problem of version 2.
+    fn second(yaml: &Path, description: &Description) -> Result<Self, Vec<String>> {
+        let mut models = description.model_files.values();
+        let (Some(model), None) = (models.next(), models.next()) else {
+            let found = description.model_files.len();
+            return Err(vec![format!("{}: one model is read, {found} are named", yaml.display())]);
+        };
+        if model.language != "sbml" {
+            let what = format!("a model in the language `{}` is not read; SBML is", model.language);
+            return Err(vec![format!("{}: {what}", yaml.display())]);
+        }
+        let folder: PathBuf = yaml.parent().unwrap_or(Path::new("")).into();
+        let mut wrong = Vec::new();
+        let mut rows = |files: &[String], needed: &[&str]| {
+            table(&folder, files, needed, &mut Vec::new()).unwrap_or_else(|e| {
+                wrong.extend(e);
+                Vec::new()
+            })
+        };
+        let tables = Tables {
+            parameters: rows(&description.parameter_files, &["parameterId"]),
+            conditions: rows(&description.condition_files, &["conditionId", "targetId", "targetValue"]),
+            experiments: rows(&description.experiment_files, &["experimentId", "time", "conditionId"]),
+            observables: rows(&description.observable_files, &["observableId", "observableFormula"]),
+            measurements: rows(&description.measurement_files, &["observableId", "measurement", "time"]),
+            mapping: rows(&description.mapping_files, &["petabEntityId", "modelEntityId"]),
+        };
+        let sbml = read(&folder.join(&model.location)).map_err(|e| wrong.push(e)).unwrap_or_default();
+        if !wrong.is_empty() {
+            return Err(wrong);
+        }
+        let found = unified(&tables)?;
+        Ok(Self {
+            sbml_file: model.location.clone(),
+            sbml,
+            parameters: found.parameters,
+            conditions: found.conditions,
+            observables: found.observables,
+            measurements: found.measurements,
+            overridden: found.overridden,
+            changes: found.changes,
+            persists: true,
+        })
     }
 }

@@ -5,9 +5,10 @@ use crate::experiments::{Experiment, Measured, Scale, measured, switch};
 use crate::expression::{Expr, Sign, binary, name};
 use crate::names::Names;
 use crate::records::{Records, Switch, lead};
-use crate::sbml::{Reaction, Sbml, Species};
+use crate::sbml::{Event, Reaction, Sbml, Species};
 use crate::tables::{Problem, Row};
-use crate::values::{Channel, Phases, cells, written};
+use crate::values::{Channel, Phases, cell, cells, written};
+use crate::version_two::{NEVER, Setting, just_before};
 use crate::writing;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -64,6 +65,8 @@ pub(crate) struct Statements {
     pub(crate) switches: Vec<Switch>,
     pub(crate) states: Vec<State>,
     pub(crate) lines: Vec<Line>,
+    /// Conditions, and the states that get new values when they become true.
+    pub(crate) events: Vec<(Expr, Vec<(String, Expr)>)>,
     pub(crate) remarks: Vec<String>,
     pub(crate) titles: BTreeMap<String, String>,
 }
@@ -90,11 +93,66 @@ pub(crate) fn problem(problem: &Problem, stem: &str) -> Result<Import, Vec<Strin
     });
     let is_taken = |id: &str| known.contains(id) || further.contains(id);
     let measured = measured(problem, &is_taken, &mut |wanted| names.fresh(wanted));
-    let (sbml, measured) = match (sbml, measured) {
+    let (mut sbml, measured) = match (sbml, measured) {
         (Ok(sbml), Ok(measured)) => (sbml, measured),
         (sbml, measured) => return Err(sbml.err().into_iter().chain(measured.err()).flatten().collect()),
     };
-    Builder::new(&sbml, Some(problem), measured, names).import(stem)
+    if !sbml.events.is_empty() && measured.experiments.iter().any(|e| e.before.is_some()) {
+        return Err(vec![format!("{}: events beside a pre-equilibration are not read", problem.sbml_file)]);
+    }
+    let channels = changes(problem, &measured, &mut sbml, &mut names)?;
+    let mut builder = Builder::new(&sbml, Some(problem), measured, names);
+    builder.statements.channels = channels;
+    builder.import(stem)
+}
+
+/// What changes in the middle of experiments becomes events at times that each run brings.
+fn changes(
+    problem: &Problem,
+    measured: &Measured,
+    sbml: &mut Sbml,
+    names: &mut Names,
+) -> Result<Vec<Channel>, Vec<String>> {
+    let mut channels = Vec::new();
+    for change in &problem.changes {
+        let of: Vec<Option<&Setting>> = (measured.experiments.iter())
+            .map(|e| change.by_experiment.get(problem.conditions.get(e.condition)?.get("conditionId")?))
+            .collect();
+        let mut targets: Vec<&String> = Vec::new();
+        for (target, _) in of.iter().flatten().flat_map(|(_, sets)| sets) {
+            if !targets.contains(&target) {
+                targets.push(target);
+            }
+        }
+        if targets.is_empty() {
+            continue;
+        }
+        let own = names.fresh("time_of_change");
+        let at = |change: &Option<&Setting>| change.map_or(NEVER, |(time, _)| just_before(*time));
+        let values = of.iter().map(|change| [at(change); 2]).collect();
+        let about = "when values change in the middle of the experiment".into();
+        channels.push(Channel { name: own.clone(), about, values });
+        let mut assigned = Vec::new();
+        for target in targets {
+            let formula = |change: &Option<&Setting>| -> Option<Expr> {
+                let (_, sets) = (*change)?;
+                let set = sets.iter().find(|(own, _)| own == target);
+                Some(set.and_then(|(_, row)| cell(row, "targetValue")).unwrap_or_else(|| name(target)))
+            };
+            // where the event never happens its value is of no consequence
+            let Some(any) = of.iter().find_map(formula) else { continue };
+            let values: Phases<Expr> = of
+                .iter()
+                .map(|change| formula(change).unwrap_or_else(|| any.clone()))
+                .map(|e| [e.clone(), e])
+                .collect();
+            let (e, channel) = written(&format!("{target}_new"), &values, &mut |wanted| names.fresh(wanted));
+            channels.extend(channel);
+            assigned.push((target.clone(), e));
+        }
+        sbml.events.push(Event { trigger: binary(Sign::AtLeast, Expr::Time, name(&own)), assigned });
+    }
+    Ok(channels)
 }
 
 /// An SBML model alone becomes a model whose outputs are its states.
@@ -154,6 +212,7 @@ impl<'a> Builder<'a> {
             self.define(id, Definition::Let(e.clone()));
         }
         self.balances(&states, &initials);
+        self.events();
         self.switches();
         if self.wrong.is_empty() { Ok(()) } else { Err(std::mem::take(&mut self.wrong)) }
     }
@@ -191,8 +250,9 @@ impl<'a> Builder<'a> {
             .flat_map(|r| r.reactants.iter().chain(&r.products))
             .map(|(id, _)| id.as_str())
             .collect();
+        let set = |id: &str| self.sbml.events.iter().flat_map(|e| &e.assigned).any(|(own, _)| own == id);
         let is_state = |id: &str, is_held: bool| {
-            self.rate(id).is_some() || reacts.contains(id) && !is_held && !self.is_assigned(id)
+            self.rate(id).is_some() || (reacts.contains(id) && !is_held || set(id)) && !self.is_assigned(id)
         };
         let species = self.sbml.species.iter().filter(|s| is_state(&s.id, s.is_held)).map(|s| s.id.clone());
         let others = self.sbml.parameters.iter().chain(&self.sbml.compartments);
@@ -296,7 +356,11 @@ impl<'a> Builder<'a> {
                 Expr::Number(0.0)
             })
         };
-        let values: Phases<Expr> = cells.into_iter().map(|[before, during]| [value(before), value(during)]).collect();
+        // what was set before the experiment stays, in version 2
+        let persists = self.problem.is_some_and(|p| p.persists);
+        let kept = |before: &Option<Expr>, during| if persists { Option::or(during, before.clone()) } else { during };
+        let cells = cells.into_iter().map(|[before, during]| [before.clone(), kept(&before, during)]);
+        let values: Phases<Expr> = cells.map(|[before, during]| [value(before), value(during)]).collect();
         if lacking {
             self.wrong.push(format!("`{id}` has no value in some condition, and none in the model"));
             return;
@@ -341,6 +405,7 @@ impl<'a> Builder<'a> {
     /// The size of a compartment, where SBML gives one number and nothing else speaks of it.
     fn volume(&self, id: &str) -> Option<f64> {
         let plain = !self.is_assigned(id)
+            && !self.sbml.events.iter().flat_map(|e| &e.assigned).any(|(own, _)| own == id)
             && self.rate(id).is_none()
             && !self.sbml.initial.contains_key(id)
             && self.param_row(id).is_none()
@@ -425,6 +490,26 @@ impl<'a> Builder<'a> {
         value
     }
 
+    /// What events make of the states.
+    fn events(&mut self) {
+        let sbml = self.sbml;
+        for event in &sbml.events {
+            for (id, _) in &event.assigned {
+                let why = if self.is_assigned(id) {
+                    "follows from a rule at all times"
+                } else if self.reset.iter().any(|r| r.id == *id) {
+                    "gets a new value after pre-equilibration, which is not read together with events"
+                } else if !self.statements.states.iter().any(|s| s.id == *id) {
+                    "stands for an amount in a compartment that changes its size"
+                } else {
+                    continue;
+                };
+                self.wrong.push(format!("an event sets `{id}`, which {why}"));
+            }
+            self.statements.events.push((event.trigger.clone(), event.assigned.clone()));
+        }
+    }
+
     /// What reactions and rules make of the states.
     fn balances(&mut self, states: &[String], initials: &[(String, Expr)]) {
         let sbml = self.sbml;
@@ -470,6 +555,9 @@ impl<'a> Builder<'a> {
                 }),
             };
             let reacts = inside.contains(id.as_str());
+            let set = sbml.events.iter().flat_map(|e| &e.assigned).any(|(own, _)| own == id);
+            // what only events change is at rest between them
+            let rate = rate.or_else(|| (set && !reacts).then_some(Expr::Number(0.0)));
             if rate.is_none() && !reacts {
                 // its reactions make as much as they take
                 self.define(id, Definition::Let(self.at_beginning(initial.clone(), states)));

@@ -2,6 +2,7 @@
 
 use crate::experiments::Experiment;
 use crate::expression::{Expr, Sign, binary, name};
+use crate::formula::formula;
 use crate::tables::{Row, number};
 
 /// A value for each experiment: before it, and in it.
@@ -13,7 +14,7 @@ pub(crate) fn cell(row: &Row, column: &str) -> Option<Expr> {
     match number(text) {
         Some(value) => Some(Expr::Number(value)),
         None if text.eq_ignore_ascii_case("nan") => None,
-        None => Some(name(text)),
+        None => Some(formula(text).unwrap_or_else(|_| name(text))),
     }
 }
 

@@ -91,6 +91,10 @@ impl Text<'_> {
         roots.extend(
             self.measured.outputs.iter().flat_map(|o| [(o.name.as_str(), &o.formula), (o.name.as_str(), &o.noise)]),
         );
+        for (condition, sets) in &statements.events {
+            roots.push(("when", condition));
+            roots.extend(sets.iter().map(|(id, e)| (id.as_str(), e)));
+        }
         for line in &statements.lines {
             roots.push(("reactions", &line.rate));
             open.extend(line.left.iter().chain(&line.right).map(|(n, _)| (n.as_str(), "reactions")));
@@ -193,6 +197,10 @@ impl Text<'_> {
         }
         for state in &statements.states {
             self.equation(&mut out, state);
+        }
+        for (condition, sets) in &statements.events {
+            let each = sets.iter().map(|(id, e)| format!("{} = {};", self.called(id), self.show(e)));
+            let _ = writeln!(out, "  when {} {{ {} }}", self.show(condition), each.collect::<Vec<_>>().join(" "));
         }
         out.push('\n');
         self.outputs(&mut out);

@@ -4,7 +4,7 @@
 //! partials, in the order that [`Layout`] describes. **Never** names, units or text.
 //! **Start** at [`Dynamics`]; it is implemented by the tape, by machine code and by every `model!`.
 
-pub use fdm_grammar::schedule::{Layout, Patterns, StageRow};
+pub use fdm_grammar::schedule::{EventRow, Layout, Patterns, StageRow};
 
 /// Where a model is evaluated.
 #[derive(Debug, Clone, Copy)]
@@ -79,6 +79,17 @@ pub trait Dynamics: Send + Sync {
 
     /// The entries of f_u and h_u (`layout.input_slots()`).
     fn by_input(&self, at: Point<'_>, out: &mut [f64], work: &mut Workspace);
+
+    /// Guards of all events, which pass zero upwards when they happen, then the values that they set (`layout.event_rows()`).
+    /// A model without events has none.
+    fn events(&self, _at: Point<'_>, _out: &mut [f64], _work: &mut Workspace) {}
+
+    /// The same, then the entries of their partials by states, inputs, parameters and time
+    /// (`layout.event_slots()`).
+    fn events_and_partials(&self, _at: Point<'_>, _out: &mut [f64], _work: &mut Workspace) {}
+
+    /// Where the model has events, f_t (n). Structural zeros are not written: `out` must hold zeros there.
+    fn rates_by_time(&self, _at: Point<'_>, _out: &mut [f64], _work: &mut Workspace) {}
 
     /// The states after one Runge-Kutta step (n).
     fn step(&self, step: Step<'_>, next: &mut [f64], work: &mut Workspace) {

@@ -363,3 +363,161 @@ fn what_is_not_there_is_refused_in_words() {
     desk.refused("import problem.yaml -o p");
     assert!(desk.refused("import nothing.txt -o p").contains("a PEtab problem ends with .yaml"));
 }
+
+/// A ball of SBML: an event turns its speed round.
+#[test]
+fn events_of_sbml_become_events() {
+    let rule = |id: &str, math: &str| format!("<rateRule variable=\"{id}\">{}</rateRule>", mathml(math));
+    let parameter = |id: &str, value: &str| format!("<parameter id=\"{id}\" value=\"{value}\" constant=\"false\"/>");
+    let trigger = format!("<trigger initialValue=\"true\" persistent=\"true\">{}</trigger>", mathml("(lt x 0)"));
+    let sets = |id: &str, math: &str| format!("<eventAssignment variable=\"{id}\">{}</eventAssignment>", mathml(math));
+    let event = format!(
+        "<event id=\"bounce\" useValuesFromTriggerTime=\"true\">{trigger}<listOfEventAssignments>{}{}</listOfEventAssignments></event>",
+        sets("v", "(minus (times e v))"),
+        sets("count", "(plus count 1)")
+    );
+    let parameters = [("x", "2"), ("v", "0"), ("count", "0"), ("e", "0.8"), ("g", "9.81")];
+    let parameters: String = parameters.iter().map(|(id, value)| parameter(id, value)).collect();
+    let text = sbml(&[
+        ("Parameters", parameters),
+        ("Rules", rule("x", "v") + &rule("v", "(minus g)")),
+        ("Events", event.clone()),
+    ]);
+    let desk = Desk::with([("ball.xml", text.clone())]);
+    desk.good("import ball.xml -o p");
+    let model = desk.text("p/model.fdm");
+    assert!(model.contains("when x < 0 { v = -(e*v); count = count + 1; }"), "{model}");
+    assert!(model.contains("der(count) = 0;"), "{model}");
+    desk.write("times.csv", "time\n0\n1\n1.5\n");
+    let table = desk.good("simulate p/model.fdm --data times.csv");
+    let last: Vec<f64> = table.lines().last().unwrap().split(',').map(|c| c.parse().unwrap()).collect();
+    let (hit, v) = ((4.0_f64 / 9.81).sqrt(), 0.8 * (4.0_f64 * 9.81).sqrt());
+    let since = 1.5 - hit;
+    assert!((last[1] - (v * since - 0.5 * 9.81 * since * since)).abs() < 1e-8 && last[3] == 1.0, "{table}");
+    // what is not read
+    let delayed =
+        text.replace("<listOfEventAssignments>", &format!("<delay>{}</delay><listOfEventAssignments>", mathml("1")));
+    desk.write("late.xml", delayed);
+    assert!(desk.refused("import late.xml -o q").contains("after a delay is not read"));
+    desk.write("early.xml", text.replace("initialValue=\"true\"", "initialValue=\"false\""));
+    assert!(desk.refused("import early.xml -o q").contains("counts as false"));
+}
+
+/// A fit with everything that a problem has: an input of steps, values of each run, a log scale, a prior, noise that is open and noise that is an
+/// expression, events. What is written and read again has the same log-likelihood.
+#[test]
+fn a_result_becomes_a_problem_and_is_read_again() {
+    let model = "model tank {
+        input u; known T0 per run; state x = free, on = 1; state z = z0;
+        param k = 0.5 in [0.01, 10] log, g = 0.3 in [0, 2], z0 = 0.2, top = 1.4, b = 0 per run; prior g ~ normal(0.3, 0.2);
+        der(x) = on*u - k*x*max(x, 0.1) + 0.05*sin(t) + (if x > T0 and z > 0 then -0.1 else 0); der(z) = g*x - z; der(on) = 0;
+        when x > top { on = 0.5; }
+        output xm = x + b, zm = sqrt(z^2 + 0.01); noise zm = 0.02 + 0.05*abs(z); }";
+    let mut state = 11_u32;
+    let mut noise = move || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        f64::from(state) / f64::from(u32::MAX) - 0.5
+    };
+    let mut record = |level: f64| {
+        let mut text = String::from("time,u,xm,zm\n");
+        for k in 0..40 {
+            let t = 0.1 * f64::from(k);
+            let u = if k < 15 { level } else { 0.2 };
+            writeln!(
+                text,
+                "{t},{u},{},{}",
+                1.0 - (-t).exp() + 0.03 * noise(),
+                0.3 * t / (1.0 + t) + 0.2 + 0.02 * noise()
+            )
+            .unwrap();
+        }
+        text
+    };
+    let (one, two) = (record(1.1), record(2.3));
+    let runs = "file,run,T0\none.csv,one,0.4\ntwo.csv,two,0.6\n";
+    let desk = Desk::with([
+        ("model.fdm", model.to_string()),
+        ("one.csv", one),
+        ("two.csv", two),
+        ("runs.csv", runs.to_string()),
+    ]);
+    let fitted = desk.fdm("fit model.fdm --runs runs.csv --zoh u --iterations 5 --out r --json");
+    let before: Value = serde_json::from_slice(&fitted.stdout).unwrap();
+    desk.good("export --from-result r --to petab -o problem");
+    assert!(desk.refused("export --from-result r --to petab -o problem").contains("exists already"));
+    desk.good("import problem/tank.yaml -o back");
+    let fitted = desk.command("fit --iterations 0 --json").current_dir(desk.path("back")).output().unwrap();
+    let after: Value = serde_json::from_slice(&fitted.stdout).unwrap();
+    let [before, after] = [before, after].map(|r| r["log_likelihood"].as_f64().unwrap());
+    assert!((before - after).abs() < 1e-6 * before.abs(), "{before} {after}");
+    // what has no place in a problem
+    desk.write(
+        "late.fdm",
+        "model late { input u; state x; param tau = 0.1; der(x) = delay(u, tau) - x; output xm = x; }",
+    );
+    desk.write("late.csv", "time,u,xm\n0,0,0\n1,1,0.2\n2,1,0.5\n");
+    desk.fdm("fit late.fdm --data late.csv --iterations 1 --out late");
+    assert!(desk.refused("export --from-result late --to petab -o q").contains("delays `u`"));
+    assert!(desk.refused("export model.fdm --to petab -o q").contains("--from-result"));
+}
+
+/// Version 2: conditions in long form, an experiment whose values change in its middle, placeholders, log-normal noise.
+#[test]
+fn a_problem_of_version_two_is_read() {
+    let yaml = "format_version: 2.0.0
+model_files: {m: {location: model.xml, language: sbml}}
+parameter_files: [parameters.tsv]
+condition_files: [conditions.tsv]
+experiment_files: [experiments.tsv]
+observable_files: [observables.tsv]
+measurement_files: [measurements.tsv]
+";
+    let decay = sbml(&[
+        ("Parameters", "<parameter id=\"k\" value=\"1\"/><parameter id=\"f\" value=\"1\"/><parameter id=\"A\" value=\"1\" constant=\"false\"/>".into()),
+        ("Rules", format!("<rateRule variable=\"A\">{}</rateRule>", mathml("(minus (times f (times k A)))"))),
+    ]);
+    let tabs = |text: &str| text.replace(',', "\t");
+    let desk = Desk::with([
+        ("p.yaml", yaml.to_string()),
+        ("model.xml", decay),
+        (
+            "parameters.tsv",
+            tabs(
+                "parameterId,lowerBound,upperBound,nominalValue,estimate\nk,0,10,0.5,true\nk_b,0,10,0.7,true\ns,0.01,1,0.1,true\ndose,0,10,2,false\n",
+            ),
+        ),
+        (
+            "conditions.tsv",
+            tabs("conditionId,targetId,targetValue\nfirst,A,2*dose\nfirst,f,k_b/2\nmore,A,A + dose\nmore,f,3\n"),
+        ),
+        ("experiments.tsv", tabs("experimentId,time,conditionId\nplain,0,first\nchanged,0,first\nchanged,1.5,more\n")),
+        (
+            "observables.tsv",
+            tabs(
+                "observableId,observableFormula,noiseFormula,noiseDistribution,observablePlaceholders,noisePlaceholders\na,scale*A,sd,log-normal,scale,sd\n",
+            ),
+        ),
+        (
+            "measurements.tsv",
+            tabs(
+                "observableId,experimentId,time,measurement,observableParameters,noiseParameters\na,plain,1,3.1,1,s\na,plain,2,2.4,1,s\na,changed,1.5,5,1,s\na,changed,2,2,1.1,s\n",
+            ),
+        ),
+    ]);
+    desk.good("import p.yaml -o p");
+    // the closed form; a sample at the change shows what stands behind it
+    let (rate, jump) = (0.35 * 0.5, 4.0 * (-0.35 * 0.5 * 1.5_f64).exp() + 2.0);
+    let predicted = [4.0 * (-rate).exp(), 4.0 * (-2.0 * rate).exp(), jump, 1.1 * jump * (-1.5 * 0.5_f64).exp()];
+    let log_likelihood: f64 = [3.1_f64, 2.4, 5.0, 2.0]
+        .iter()
+        .zip(predicted)
+        .map(|(m, p)| -0.5 * ((m.ln() - p.ln()) / 0.1).powi(2) - (0.1 * m * (2.0 * std::f64::consts::PI).sqrt()).ln())
+        .sum();
+    near(likelihood(&desk), log_likelihood);
+    desk.write("experiments.tsv", tabs("experimentId,time,conditionId\nplain,3,first\nchanged,0,none\n"));
+    let said = desk.refused("import p.yaml -o q");
+    assert!(said.contains("begins at 3") && said.contains("no condition `none`"), "{said}");
+    desk.write("p.yaml", "format_version: 2.0.0\nmodel_files: {m: [a\n");
+    let said = desk.refused("import p.yaml -o q");
+    assert_eq!(said.matches("error:").count(), 1, "{said}");
+}

@@ -8,6 +8,7 @@ mod campaigns;
 mod carried;
 mod certified;
 mod delays;
+mod events;
 mod examples;
 mod few_frequencies;
 mod filter_error;

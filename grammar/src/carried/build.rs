@@ -14,8 +14,11 @@ pub(super) fn build(original: &Model, plan: Plan) -> Carried {
         return Carried { model, terms: Vec::new() };
     }
     model.graph = Graph::default();
-    // spectra know no limits
-    model.states.iter_mut().for_each(|s| s.limits = None);
+    // spectra know neither limits nor events
+    for state in &mut model.states {
+        state.limits = None;
+        state.resets.clear();
+    }
     // what is computed refers to records that stand in front of it
     let records: Vec<Option<u32>> = plan.readings.iter().map(|r| r.map(|r| model.measured_input(r.output))).collect();
     let mut builder =

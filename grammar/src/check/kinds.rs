@@ -73,7 +73,9 @@ impl Kinds {
                 let fact = judge.node(*e);
                 judge.kinds.nodes[e.0 as usize] = fact;
             }
-            let wanted = judge.want(block.root, false, Hint::Number);
+            let condition = matches!(block.owner, Owner::Known(k) if matches!(known[k].part, Part::Condition(_)));
+            let hint = if condition { Hint::Condition } else { Hint::Number };
+            let wanted = judge.want(block.root, condition, hint);
             if let Some(most) = kinds.finish(scope, block, known, wanted) {
                 findings.push(too_variable(scope, blocks, block, meanings, &kinds, known, most));
             }
@@ -98,7 +100,7 @@ impl Kinds {
                 _ => Level::Varying,
             },
             Owner::Known(k) if matches!(known[k].part, Part::Trim | Part::Intensity) => Level::Param,
-            Owner::Known(k) if known[k].part == Part::Noise => Level::Varying,
+            Owner::Known(k) if known[k].part == Part::Noise || known[k].part.is_of_event() => Level::Varying,
             Owner::Ordinate(_) | Owner::Tie(_) | Owner::Limit(_) => Level::Param,
             Owner::Abscissa(..) | Owner::Lower(_) | Owner::Upper(_) | Owner::Known(_) => Level::Constant,
             Owner::Left(_) | Owner::Right(_) | Owner::Like(_) | Owner::Want(..) => Level::Varying,

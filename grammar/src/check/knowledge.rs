@@ -9,7 +9,7 @@ use crate::graph::Signal;
 use crate::model::{Limits, Prior};
 use crate::op::ExprId;
 use crate::source::Span;
-use crate::syntax::{Expr, ExprRef, Limited, Name, Role, StatementKind, Value};
+use crate::syntax::{Expr, ExprRef, Limited, Name, Role, StatementKind, Value, When};
 use std::collections::HashMap;
 
 /// What a number says.
@@ -31,12 +31,21 @@ pub(super) enum Part {
     Upper,
     /// The width over which a state's rate fades out before its limits.
     Width,
+    /// The condition of an event, by its number; about the first state that it sets.
+    Condition(usize),
+    /// The value of a state behind an event.
+    Reset(usize),
 }
 
 impl Part {
     /// Whether it says how far a state may go.
     pub(super) fn is_limit(self) -> bool {
         matches!(self, Self::Lower | Self::Upper | Self::Width)
+    }
+
+    /// Whether it belongs to an event.
+    pub(super) fn is_of_event(self) -> bool {
+        matches!(self, Self::Condition(_) | Self::Reset(_))
     }
 }
 
@@ -66,13 +75,15 @@ impl Known {
             Part::Lower => format!("the lower limit of `{name}`"),
             Part::Upper => format!("the upper limit of `{name}`"),
             Part::Width => format!("the width of the limits of `{name}`"),
+            Part::Condition(_) => format!("the condition of the event that sets `{name}`"),
+            Part::Reset(_) => format!("the value of `{name}` behind the event"),
         }
     }
 }
 
 /// Reads all statements of knowledge; each subject has one at most.
 pub(super) fn read(scope: &Scope<'_>, findings: &mut Vec<Diagnostic>) -> Vec<Known> {
-    let mut reader = Reader { scope, findings, first: HashMap::new(), guesses: 0, known: Vec::new() };
+    let mut reader = Reader { scope, findings, first: HashMap::new(), guesses: 0, known: Vec::new(), events: 0 };
     for statement in &scope.tree.statements {
         match &statement.kind {
             StatementKind::Prior(list) => list.iter().for_each(|(subject, value)| reader.prior(*subject, *value)),
@@ -80,6 +91,7 @@ pub(super) fn read(scope: &Scope<'_>, findings: &mut Vec<Diagnostic>) -> Vec<Kno
             StatementKind::Process(list) => list.iter().for_each(|(state, value)| reader.process(state, *value)),
             StatementKind::Limit(list) => list.iter().for_each(|limited| reader.limit(limited)),
             StatementKind::Trim(list) => list.iter().for_each(|(signal, value)| reader.trim(signal, *value)),
+            StatementKind::When(event) => reader.event(event),
             _ => {}
         }
     }
@@ -93,6 +105,8 @@ struct Reader<'a, 'b> {
     first: HashMap<(SymbolId, &'static str), Span>,
     guesses: usize,
     known: Vec<Known>,
+    /// Events so far.
+    events: usize,
 }
 
 impl Reader<'_, '_> {
@@ -178,6 +192,32 @@ impl Reader<'_, '_> {
         }
         if self.is_first(s, signal.span, "trim") {
             self.known.push(Known { part: Part::Trim, symbol: s, subject: signal.span, root: value });
+        }
+    }
+
+    fn event(&mut self, event: &When) {
+        let (scope, number, before) = (self.scope, self.events, self.known.len());
+        self.events += 1;
+        for (state, value) in &event.resets {
+            let Some(s) = self.declared(&state.text, state.span, |s| s.role == Role::State) else { continue };
+            let symbol = &scope.symbols[s];
+            if symbol.role != Role::State {
+                let message = format!("`{}` is {}; an event sets states", state.text, symbol.role.with_article());
+                let hint =
+                    format!("what changes at events alone is a state at rest: `state {0}; der({0}) = 0;`", state.text);
+                self.tell(Code::WrongName, state.span, message, hint);
+                continue;
+            }
+            if let Some(first) = self.known[before..].iter().find(|k| k.symbol == s) {
+                let message = format!("the event sets `{}` a second time", symbol.name());
+                let finding = Diagnostic::new(Code::DeclaredTwice, state.span, message);
+                self.findings.push(finding.label(first.subject, "first set here").hint("remove one of them"));
+                continue;
+            }
+            self.known.push(Known { part: Part::Reset(number), symbol: s, subject: state.span, root: *value });
+        }
+        if let Some(first) = self.known.get(before).copied() {
+            self.known.push(Known { part: Part::Condition(number), root: event.condition, ..first });
         }
     }
 
@@ -314,7 +354,7 @@ pub(super) fn values(
     let value = |k: &Known| expressions.constant(k.root).filter(|v| v.is_finite() && !kinds.of(k.root).broken);
     let (mut mean, mut lower) = (None, None);
     let fades = |s: SymbolId| known.iter().any(|k| k.part == Part::Width && k.symbol == s);
-    for k in known {
+    for k in known.iter().filter(|k| !k.part.is_of_event()) {
         if k.part.is_limit() {
             // a smooth limit stands in the rate alone
             let e = expressions.of(k.root);

@@ -14,6 +14,7 @@ mod delays;
 mod derivatives;
 mod elimination;
 mod equations;
+mod events;
 mod expressions;
 mod functions;
 mod influence;
@@ -95,6 +96,7 @@ fn passes(tree: &SyntaxTree, findings: &mut Vec<Diagnostic>) -> Option<Model> {
     let start = model::start(&params);
     let limits = limits::read(scope, &kinds, &indices, &expressions, &known, &start, findings);
     let rates = rates::solve(scope, &equations, &kinds, &indices, &mut expressions, (&params, &limits), findings);
+    let resets = events::read(scope, &kinds, &indices, &mut expressions, &known, findings);
     let knowledge = knowledge::values(scope, &kinds, &indices, &expressions, &known, findings);
     start::check(scope, &kinds, &expressions, &known, &start, findings);
     let checked = units::Checked {
@@ -117,7 +119,8 @@ fn passes(tree: &SyntaxTree, findings: &mut Vec<Diagnostic>) -> Option<Model> {
         return None;
     }
     let ties = model::ties(&blocks, &indices, &expressions);
-    let model = model::assemble(scope, &rates, &kinds, &indices, expressions, (params, ties), knowledge);
+    let model = model::assemble(scope, &rates, &kinds, &indices, expressions, (params, ties), knowledge, resets);
+    events::without_delays(scope, &model, findings);
     records::circular(scope, &model, findings);
     let tied = ties::tied(scope, &model, &bonds, findings);
     influence::without_influence(scope, &blocks, &meanings, &tied, findings);

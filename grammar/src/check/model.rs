@@ -9,8 +9,8 @@ use super::names::{Scope, Symbol, SymbolId};
 use super::order::{Block, Blocks, Owner};
 use crate::graph::{Graph, Leaf, Node, Reference, Signal};
 use crate::model::{
-    Derived, Input, Model, Origin, Output, Param, Quantity, Slope, State, Table, TableArgument, TableCalls, TableNode,
-    Tie,
+    Derived, Input, Model, Origin, Output, Param, Quantity, Reset, Slope, State, Table, TableArgument, TableCalls,
+    TableNode, Tie,
 };
 use crate::op::{Build, ExprId};
 use crate::syntax::{Argument, ExprRef, Name, Role, StatementKind, Value};
@@ -109,6 +109,7 @@ pub(super) fn assemble(
     expressions: Expressions,
     (params, ties): (Vec<Param>, Vec<Tie>),
     knowledge: Knowledge,
+    resets: Vec<(u32, Reset)>,
 ) -> Model {
     let value = |symbol: &Symbol<'_>| match symbol.declaration.value {
         Some(Value::Expr(root)) => Some(expressions.of(root)),
@@ -150,6 +151,7 @@ pub(super) fn assemble(
                     initial,
                     noise: None,
                     limits: None,
+                    resets: Vec::new(),
                 });
             }
             Role::Param if kinds.derived[s] => model.derived.push(Derived { quantity, expr, tied: false }),
@@ -169,6 +171,7 @@ pub(super) fn assemble(
     }
     model.graph = graph;
     learn(&mut model, knowledge);
+    resets.into_iter().for_each(|(state, reset)| model.states[state as usize].resets.push(reset));
     limits::stop(&mut model);
     show_slopes(&mut model, indices.inputs as usize);
     drop_unused_delays(&mut model);
@@ -265,7 +268,8 @@ fn show_slopes(model: &mut Model, first: usize) {
         }
         used
     };
-    let driving = used(model, model.states.iter().map(|s| s.rate).collect());
+    let resets = model.states.iter().flat_map(|s| &s.resets).flat_map(|r| [r.guard, r.value]);
+    let driving = used(model, model.states.iter().map(|s| s.rate).chain(resets).collect());
     let shown = used(model, model.outputs.iter().flat_map(Output::expressions).collect());
     let mut at_samples: Vec<u32> = (0..model.inputs.len() as u32).collect();
     for k in (first..driving.len()).filter(|k| shown[*k]) {

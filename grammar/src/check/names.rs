@@ -114,6 +114,7 @@ impl<'a> Scope<'a> {
                 | StatementKind::Smooth(_)
                 | StatementKind::Requirement(_)
                 | StatementKind::Limit(_)
+                | StatementKind::When(_)
                 | StatementKind::Tie(_)
                 | StatementKind::Use(_)
                 | StatementKind::Prior(_)

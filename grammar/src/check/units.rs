@@ -422,6 +422,8 @@ impl Pass<'_, '_, '_> {
                     self.density(self.checked.known[k].symbol, radicand);
                 }
             }
+            // a condition has no unit
+            Owner::Known(k) if matches!(self.checked.known[k].part, Part::Condition(_)) => {}
             Owner::Known(k) | Owner::Limit(k) => {
                 let known = self.checked.known[k];
                 self.compare(known.symbol, value, block.root, &known.words(scope));

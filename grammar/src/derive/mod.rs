@@ -87,6 +87,12 @@ pub struct Derivatives {
     pub tau: Jacobian,
     /// Of the lower and the upper limit of every state that has them, by parameters.
     pub limits: Jacobian,
+    /// Of the guards of all events, then of the values that they set.
+    pub events: Partials,
+    /// The same by time.
+    pub events_by_time: Jacobian,
+    /// Of the rates by time, where there are events: elsewhere nothing asks for it.
+    pub rates_by_time: Jacobian,
 }
 
 /// The graph of a model's derivatives has more nodes than were allowed.
@@ -108,11 +114,14 @@ pub fn differentiate_within(model: &mut Model, most: usize) -> Result<Derivative
     let initial: Vec<ExprId> = model.states.iter().map(|s| s.initial).collect();
     let tau: Vec<ExprId> = model.graph.delayed().iter().map(|d| d.tau).collect();
     let limits: Vec<ExprId> = model.limits().flat_map(|(_, l)| [l.lower, l.upper]).collect();
-    let roots = [&rates[..], &outputs[..], &initial[..], &tau[..], &limits[..]].concat();
+    let list = model.events();
+    let resets = list.iter().flat_map(|event| event.resets.iter().map(|(_, value)| *value));
+    let events: Vec<ExprId> = list.iter().map(|event| event.guard).chain(resets).collect();
+    let roots = [&rates[..], &outputs[..], &initial[..], &tau[..], &limits[..], &events[..]].concat();
     let free: Vec<bool> = model.params.iter().map(|p| !p.fixed).collect();
     let sweep = Sweep::new(&model.graph, &roots);
     let wanted = |leaf| match leaf {
-        Leaf::Time => false,
+        Leaf::Time => !events.is_empty(),
         Leaf::Param(k) => free[k as usize],
         _ => true,
     };
@@ -125,12 +134,17 @@ pub fn differentiate_within(model: &mut Model, most: usize) -> Result<Derivative
         param: block(from, len, by_param),
     };
     let (n, q) = (rates.len(), outputs.len());
+    let by_time = |l| matches!(l, Leaf::Time).then_some(0);
+    let behind = n + q + n + tau.len() + limits.len();
     Ok(Derivatives {
         rates: partials(0, n),
         outputs: partials(n, q),
         initial: block(n + q, n, by_param),
         tau: block(n + q + n, tau.len(), by_param),
         limits: block(n + q + n + tau.len(), limits.len(), by_param),
+        events: partials(behind, events.len()),
+        events_by_time: block(behind, events.len(), by_time),
+        rates_by_time: block(0, n, by_time),
     })
 }
 

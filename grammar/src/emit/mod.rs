@@ -61,14 +61,45 @@ impl std::fmt::Display for TooLong {
 
 impl std::error::Error for TooLong {}
 
+/// Why a model does not become a source file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum EmitError {
+    /// A function would need too much stack.
+    TooLong(TooLong),
+    /// Events belong to an integrator, which the file does not hold.
+    Events,
+}
+
+impl From<TooLong> for EmitError {
+    fn from(e: TooLong) -> Self {
+        Self::TooLong(e)
+    }
+}
+
+impl std::fmt::Display for EmitError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::TooLong(e) => e.fmt(f),
+            Self::Events => f.write_str(
+                "the model has events (`when`), and a source file holds equations only: leave them out of the text",
+            ),
+        }
+    }
+}
+
+impl std::error::Error for EmitError {}
+
 /// A source file that computes initial values, delays, rates, outputs, all their partials, and the right side of the sensitivity
 /// equations, with the names, units, start values and bounds of the model as tables.
 ///
 /// # Errors
-/// [`TooLong`] when a function would need more than half a mebibyte of stack.
-pub fn stand_alone(model: &Model, schedule: &Schedule, language: &Language) -> Result<String, TooLong> {
-    match language {
-        Language::C => c::file(model, schedule),
-        Language::Rust(elementary) => rust::file(model, schedule, elementary),
+/// [`EmitError::TooLong`] when a function would need more than half a mebibyte of stack, [`EmitError::Events`].
+pub fn stand_alone(model: &Model, schedule: &Schedule, language: &Language) -> Result<String, EmitError> {
+    if model.has_events() {
+        return Err(EmitError::Events);
     }
+    Ok(match language {
+        Language::C => c::file(model, schedule)?,
+        Language::Rust(elementary) => rust::file(model, schedule, elementary)?,
+    })
 }

@@ -18,6 +18,7 @@ use crate::graph::{Graph, Leaf, Names, Node, Signal};
 use crate::op::{Build, ExprId, Op};
 use crate::requirement::Requirements;
 use crate::unit::Unit;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// What is common to everything that has a name.
@@ -91,30 +92,56 @@ pub struct State {
     pub noise: Option<ExprId>,
     /// How far it may go (`limit x in [a, b];`).
     pub limits: Option<Limits>,
+    /// The events that give it a new value (`when x > limit { v = -0.5*v; }`), in the order of the text.
+    pub resets: Vec<Reset>,
+}
+
+/// What an event makes of a state.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Reset {
+    /// The event, by its place in the text.
+    pub event: u32,
+    /// Passes zero upwards when its condition becomes true: an expression of everything.
+    pub guard: ExprId,
+    /// The state's value behind it: an expression of what stands just before it.
+    pub value: ExprId,
+}
+
+/// States that get new values together.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Event {
+    /// As in [`Reset`].
+    pub guard: ExprId,
+    /// The states (by index) and their values.
+    pub resets: Vec<(u32, ExprId)>,
 }
 
 impl State {
     /// All its expressions but the rate.
-    pub(crate) fn beside_rate(&self) -> impl Iterator<Item = ExprId> + use<> {
+    pub(crate) fn beside_rate(&self) -> impl Iterator<Item = ExprId> + '_ {
         let limits = self.limits.map(|l| [l.lower, l.upper]);
-        [self.initial].into_iter().chain(self.noise).chain(limits.into_iter().flatten())
+        let resets = self.resets.iter().flat_map(|r| [r.guard, r.value]);
+        [self.initial].into_iter().chain(self.noise).chain(limits.into_iter().flatten()).chain(resets)
     }
 
     /// The same, to be changed.
     pub(crate) fn beside_rate_mut(&mut self) -> impl Iterator<Item = &mut ExprId> {
         let limits = self.limits.as_mut().map(|l| [&mut l.lower, &mut l.upper]);
-        [&mut self.initial].into_iter().chain(&mut self.noise).chain(limits.into_iter().flatten())
+        let resets = self.resets.iter_mut().flat_map(|r| [&mut r.guard, &mut r.value]);
+        [&mut self.initial].into_iter().chain(&mut self.noise).chain(limits.into_iter().flatten()).chain(resets)
     }
 
     /// All its expressions.
-    pub(crate) fn expressions(&self) -> impl Iterator<Item = ExprId> + use<> {
+    pub(crate) fn expressions(&self) -> impl Iterator<Item = ExprId> + '_ {
         [self.rate].into_iter().chain(self.beside_rate())
     }
 
     /// The same, to be changed.
     pub(crate) fn expressions_mut(&mut self) -> impl Iterator<Item = &mut ExprId> {
         let limits = self.limits.as_mut().map(|l| [&mut l.lower, &mut l.upper]);
-        [&mut self.rate, &mut self.initial].into_iter().chain(&mut self.noise).chain(limits.into_iter().flatten())
+        let resets = self.resets.iter_mut().flat_map(|r| [&mut r.guard, &mut r.value]);
+        let known = [&mut self.rate, &mut self.initial].into_iter().chain(&mut self.noise);
+        known.chain(limits.into_iter().flatten()).chain(resets)
     }
 }
 
@@ -363,6 +390,24 @@ impl Model {
         self.states.iter().enumerate().filter_map(|(k, s)| Some((k, s.limits?)))
     }
 
+    /// The events in the order of the text.
+    pub fn events(&self) -> Vec<Event> {
+        let mut events: BTreeMap<u32, Event> = BTreeMap::new();
+        for (k, state) in self.states.iter().enumerate() {
+            for reset in &state.resets {
+                let event = events.entry(reset.event);
+                let event = event.or_insert_with(|| Event { guard: reset.guard, resets: Vec::new() });
+                event.resets.push((k as u32, reset.value));
+            }
+        }
+        events.into_values().collect()
+    }
+
+    /// Whether an event can set a state.
+    pub fn has_events(&self) -> bool {
+        self.states.iter().any(|s| !s.resets.is_empty())
+    }
+
     /// Start values of all parameters.
     pub fn start(&self) -> Vec<f64> {
         self.params.iter().map(|p| p.value).collect()
@@ -393,6 +438,7 @@ impl Model {
         };
         let limits = |s: &State| s.limits.into_iter().flat_map(|l| [l.lower, l.upper]);
         let states = self.states.iter().flat_map(|s| [s.rate, s.initial].into_iter().chain(limits(s)));
+        let states = states.chain(self.states.iter().flat_map(|s| &s.resets).flat_map(|r| [r.guard, r.value]));
         let others = self.outputs.iter().map(|o| o.expr).chain(self.trim.iter().map(|(_, e)| *e));
         let delays = self.graph.delayed().iter().map(|d| d.tau);
         let elsewhere = mentioned(states.chain(others).chain(delays).collect());
@@ -438,6 +484,7 @@ impl Model {
     /// Whether an expression (of rates, outputs or their noise) mentions explicit time.
     pub fn uses_time(&self) -> bool {
         let roots = self.states.iter().map(|s| s.rate).chain(self.outputs.iter().flat_map(Output::expressions));
+        let roots = roots.chain(self.states.iter().flat_map(|s| &s.resets).flat_map(|r| [r.guard, r.value]));
         let time = self.graph.depends(|l| matches!(l, Leaf::Time | Leaf::Delayed(_)));
         let computed = self.inputs.iter().filter_map(|i| i.computed.as_ref());
         let mut beside =

@@ -29,7 +29,7 @@ impl Affine {
         let degrees = degrees(&model.graph);
         let affine = |e: crate::op::ExprId| degrees[e.index()] <= Degree::Affine;
         Self {
-            rates: model.states.iter().all(|s| affine(s.rate) && s.limits.is_none()),
+            rates: model.states.iter().all(|s| affine(s.rate) && s.limits.is_none() && s.resets.is_empty()),
             outputs: model.outputs.iter().map(|o| affine(o.expr)).collect(),
         }
     }

@@ -47,6 +47,8 @@ pub struct Layout {
     pub limits: Range<usize>,
     /// Entries of the derivatives of the limits in `known`.
     pub limits_by_param: Range<usize>,
+    /// What each event sets, in the order of the text.
+    pub events: Vec<EventRow>,
     /// For each output the state that it is, when it is one and nothing else (q).
     pub observed: Vec<Option<u32>>,
     /// Which equations are linear with a constant.
@@ -55,6 +57,15 @@ pub struct Layout {
     pub patterns: Patterns,
     /// Where `rates_and_partials` writes.
     pub stage: StageRow,
+}
+
+/// Where the values that an event sets stand in the result of `events_and_partials`: behind the guards of all events.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct EventRow {
+    /// Row of the first of them.
+    pub first: usize,
+    /// The states that get them, by index.
+    pub states: Vec<u32>,
 }
 
 /// The result of `rates_and_partials`: rates (n), f_x, the entries of f_delay, then f_theta in lanes.
@@ -142,6 +153,14 @@ pub struct Patterns {
     pub tau_by_param: Pattern,
     /// limits_theta, two rows for each limited state by p.
     pub limits_by_param: Pattern,
+    /// Guards of all events and the values that they set, by n.
+    pub events_by_state: Pattern,
+    /// The same by m.
+    pub events_by_input: Pattern,
+    /// The same by p.
+    pub events_by_param: Pattern,
+    /// The same by time (one column).
+    pub events_by_time: Pattern,
 }
 
 impl Layout {
@@ -159,6 +178,18 @@ impl Layout {
     pub fn output_slots(&self) -> usize {
         let p = &self.patterns;
         self.outputs + p.outputs_by_state.len() + p.outputs_by_delayed.len() + p.outputs_by_param.len()
+    }
+
+    /// Guards of all events and the values that they set.
+    pub fn event_rows(&self) -> usize {
+        self.events.len() + self.events.iter().map(|event| event.states.len()).sum::<usize>()
+    }
+
+    /// Length of the result of `events_and_partials`.
+    pub fn event_slots(&self) -> usize {
+        let p = &self.patterns;
+        let entries = [&p.events_by_state, &p.events_by_input, &p.events_by_param, &p.events_by_time];
+        self.event_rows() + entries.map(|pattern| pattern.len()).iter().sum::<usize>()
     }
 
     /// Length of the result of `by_input`.

@@ -1,6 +1,6 @@
 //! Straight-line programs: what the tape interprets, Cranelift translates and `model!` prints as Rust.
 //!
-//! **In** a checked [`Model`] and its [`Derivatives`]. **Out** [`Schedule`]: six [`Program`]s and the [`Layout`]
+//! **In** a checked [`Model`] and its [`Derivatives`]. **Out** [`Schedule`]: the [`Program`]s and the [`Layout`]
 //! of their arguments and results. **Never** control flow: a choice is an operation. **Start** at [`Schedule::new`].
 //!
 //! Everything that depends on parameters alone is computed once per parameter vector by `prepare`, whose results are
@@ -12,7 +12,7 @@ mod program;
 
 pub use affine::Affine;
 pub(crate) use affine::affine_nodes;
-pub use layout::{Layout, Patterns, StageRow};
+pub use layout::{EventRow, Layout, Patterns, StageRow};
 pub use program::{Instruction, Operand, Placed, Program};
 
 use crate::derive::{Derivatives, Jacobian, Swollen, differentiate, differentiate_within};
@@ -21,7 +21,7 @@ use crate::model::{Model, Origin};
 use crate::op::ExprId;
 pub(crate) use program::straight_line;
 
-/// The six programs of a model.
+/// The programs of a model; the last three are empty where there are no events.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Schedule {
     /// Sizes, patterns, positions.
@@ -38,6 +38,12 @@ pub struct Schedule {
     pub outputs_and_partials: Program,
     /// Partials by inputs (linearisation, checks).
     pub by_input: Program,
+    /// Guards of all events, which pass zero upwards when they happen, and the values that they set.
+    pub events: Program,
+    /// The same, and their partials by states, inputs, parameters and time.
+    pub events_and_partials: Program,
+    /// f_t: a row for each state (n), of which structural zeros are not written.
+    pub rates_by_time: Program,
 }
 
 impl Schedule {
@@ -71,7 +77,9 @@ impl Schedule {
         let full_rates = with(&rates, [&d.rates.state, &d.rates.delayed, &d.rates.param]);
         let full_outputs = with(&outputs, [&d.outputs.state, &d.outputs.delayed, &d.outputs.param]);
         let by_input = [&d.rates.input.entries[..], &d.outputs.input.entries[..]].concat();
-        let bodies = [&full_rates[..], &full_outputs[..], &by_input[..]].concat();
+        let events = events(model, d);
+        let by_time = &d.rates_by_time.entries[..];
+        let bodies = [&full_rates[..], &full_outputs[..], &by_input[..], &events[..], by_time].concat();
 
         let graph = &model.graph;
         let (known, layout) = known(model, d, &bodies);
@@ -105,9 +113,38 @@ impl Schedule {
             outputs: body(&outputs),
             outputs_and_partials: body(&full_outputs),
             by_input: body(&by_input),
+            events: body(&events[..layout.event_rows()]),
+            events_and_partials: body(&events),
+            rates_by_time: {
+                let rows = d.rates_by_time.pattern.entries().map(|(_, i, _)| i as u32).collect();
+                placed(by_time, rows, if events.is_empty() { 0 } else { layout.states })
+            },
             layout,
         }
     }
+}
+
+/// The guards of all events, the values that they set, and all partials of both.
+fn events(model: &Model, d: &Derivatives) -> Vec<ExprId> {
+    let list = model.events();
+    let mut all: Vec<ExprId> = list.iter().map(|event| event.guard).collect();
+    all.extend(list.iter().flat_map(|event| event.resets.iter().map(|(_, value)| *value)));
+    for jacobian in [&d.events.state, &d.events.input, &d.events.param, &d.events_by_time] {
+        all.extend_from_slice(&jacobian.entries);
+    }
+    all
+}
+
+/// Where the values that events set stand.
+fn event_rows(model: &Model) -> Vec<EventRow> {
+    let list = model.events();
+    let mut first = list.len();
+    let row = |event: &crate::model::Event| {
+        let states: Vec<u32> = event.resets.iter().map(|(state, _)| *state).collect();
+        first += states.len();
+        EventRow { first: first - states.len(), states }
+    };
+    list.iter().map(row).collect()
 }
 
 /// Expressions as one program, whose `known` array is the parameters themselves; `inputs` is the number of inputs in front
@@ -171,6 +208,7 @@ fn known(model: &Model, d: &Derivatives, bodies: &[ExprId]) -> (Vec<ExprId>, Lay
         limited: model.limits().map(|(k, _)| k as u32).collect(),
         limits,
         limits_by_param,
+        events: event_rows(model),
         stage: StageRow::new(model, &d.rates.state.pattern, &d.rates.delayed.pattern),
         observed: model.outputs.iter().map(|o| observed(graph, o.expr)).collect(),
         affine: Affine::of(model),
@@ -186,6 +224,10 @@ fn known(model: &Model, d: &Derivatives, bodies: &[ExprId]) -> (Vec<ExprId>, Lay
             initial_by_param: d.initial.pattern.clone(),
             tau_by_param: d.tau.pattern.clone(),
             limits_by_param: d.limits.pattern.clone(),
+            events_by_state: d.events.state.pattern.clone(),
+            events_by_input: d.events.input.pattern.clone(),
+            events_by_param: d.events.param.pattern.clone(),
+            events_by_time: d.events_by_time.pattern.clone(),
         },
     };
     (known, layout)

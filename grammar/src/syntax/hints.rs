@@ -126,6 +126,10 @@ impl Expected<'_> {
             "limit" if self.wants(Want::Attribute) => {
                 (Want::Attribute, "a limit is written `limit x in [lower, upper]`")
             }
+            "when" if self.wants(Want::Equals) => {
+                (Want::Equals, "an event is written `when x > limit { v = -0.5*v; }`")
+            }
+            "when" => (Want::Brace, "an event is written `when x > limit { v = -0.5*v; }`"),
             "use" => (Want::As, "a submodel is used by `use \"file.fdm\" as name(input = expression)`"),
             "trim" if self.wants(Want::Equals) => (Want::Equals, "a trim is written `trim { x = value; u = value; }`"),
             "trim" => (Want::Brace, "a trim is written `trim { x = value; u = value; }`"),

@@ -111,6 +111,11 @@ impl Cutter<'_> {
         {
             return Some(WordUse::Statement);
         }
+        // so is this one, behind which a condition stands
+        let condition = |t: &Token| matches!(t.kind, Kind::Name | Kind::Number) || t.text(self.text) == "not";
+        if self.is(at, "when") && self.tokens.get(at + 1).is_some_and(condition) {
+            return Some(WordUse::Statement);
+        }
         let token = self.tokens.get(at).filter(|t| t.kind == Kind::Keyword)?;
         word_use(token.text(self.text))
     }
@@ -149,8 +154,8 @@ impl Cutter<'_> {
     fn statement(&self, start: usize) -> (Extent, usize, usize) {
         let planned = self.word_use(start) == Some(WordUse::Planned);
         let mut nesting = Nesting { text: self.text, levels: Vec::new(), deepest: 0, fault: None };
-        // a trim and reactions are statements that end with their own brace; a table has one, however many points it holds
-        let ends_itself = self.is(start, "trim") || self.is(start, "reactions");
+        // a trim, reactions and events are statements that end with their own brace; a table has one, however many points it holds
+        let ends_itself = ["trim", "reactions", "when"].iter().any(|word| self.is(start, word));
         let own = if self.is(start, "trim") { Some(start + 1) } else { self.own_brace(start) };
         let own = own.and_then(|open| self.partner(open));
         let inside = |at: usize| own.is_some_and(|close| at <= close);
@@ -183,12 +188,12 @@ impl Cutter<'_> {
         (Extent { tokens: start..at, closed, fault: nesting.fault() }, nesting.deepest, next)
     }
 
-    /// The brace behind which the points of a table, or reactions, stand.
+    /// The brace behind which the points of a table, reactions, or what an event sets stand.
     fn own_brace(&self, start: usize) -> Option<usize> {
-        const LONGEST_HEAD: usize = 64;
+        const LONGEST_HEAD: usize = 256;
         let head = start..self.tokens.len().min(start + LONGEST_HEAD);
         let open = head.clone().find(|k| self.is(*k, "{") || self.is(*k, ";") || self.is(*k, "}"));
-        let has_one = self.is(start, "table") || self.is(start, "reactions");
+        let has_one = ["table", "reactions", "when"].iter().any(|word| self.is(start, word));
         open.filter(|open| has_one && self.is(*open, "{"))
     }
 

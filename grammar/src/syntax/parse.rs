@@ -150,6 +150,7 @@ fn want(rule: Rule) -> Option<Want> {
         | Rule::requirement
         | Rule::scheduled
         | Rule::limit
+        | Rule::when
         | Rule::use_model => Want::Statement,
         Rule::effect_own | Rule::tunable | Rule::add | Rule::replace | Rule::rate_noise => Want::EffectStatement,
         Rule::slot => Want::Slot,
@@ -218,6 +219,17 @@ impl<'a> Build<'a> {
             Rule::limit => {
                 let limited = parts.filter(|p| p.as_rule() == Rule::limited);
                 StatementKind::Limit(limited.filter_map(|p| self.limited(p)).collect())
+            }
+            Rule::when => {
+                let (mut condition, mut resets) = (None, Vec::new());
+                for part in parts {
+                    match part.as_rule() {
+                        Rule::expression => condition = Some(self.expression(part)?),
+                        Rule::setting => resets.extend(self.named(part)),
+                        _ => {}
+                    }
+                }
+                StatementKind::When(When { condition: condition?, resets })
             }
             Rule::use_model => StatementKind::Use(self.submodel(parts)?),
             Rule::reactions => {

@@ -150,6 +150,11 @@ impl<'a> Printer<'a> {
             }
             StatementKind::Table(table) => self.table(table),
             StatementKind::Smooth(smooth) => format!("smooth {} by order {};", smooth.table.text, smooth.order),
+            StatementKind::When(event) => {
+                let reset = |(n, e): &(Name, ExprRef)| format!("{} = {};", n.text, self.expression(*e));
+                let resets: Vec<_> = event.resets.iter().map(reset).collect();
+                format!("when {} {{ {} }}", self.expression(event.condition), resets.join(" "))
+            }
             StatementKind::Limit(list) => {
                 let one = |l: &Limited| {
                     let smooth = l.smooth.map_or(String::new(), |w| format!(" smooth {}", self.expression(w)));

@@ -69,6 +69,7 @@ fn of_statement(kind: &mut StatementKind, visit: &mut impl FnMut(&mut Span)) {
                 visit(&mut limited.bounds.span);
             }
         }
+        StatementKind::When(event) => event.resets.iter_mut().for_each(|(name, _)| visit(&mut name.span)),
         StatementKind::Use(submodel) => {
             visit(&mut submodel.path.span);
             visit(&mut submodel.alias.span);

@@ -428,6 +428,15 @@ impl Limited {
     }
 }
 
+/// `when x > limit { v = -0.5*v; }`: states that get new values as soon as a condition becomes true.
+#[derive(Debug, Clone, PartialEq)]
+pub struct When {
+    /// The condition.
+    pub condition: ExprRef,
+    /// The states, and their values behind the event, made of what stands before it.
+    pub resets: Vec<(Name, ExprRef)>,
+}
+
 /// `use "actuator.fdm" as act(x = dlon, T = T_act);`
 #[derive(Debug, Clone, PartialEq)]
 pub struct Use {
@@ -492,6 +501,8 @@ pub enum StatementKind {
     Requirement(Vec<Declaration>),
     /// `limit x in [a, b] smooth w, ...;`
     Limit(Vec<Limited>),
+    /// `when condition { x = value; ... }`
+    When(When),
     /// `use "file" as name(a = b);`
     Use(Use),
     /// `reactions in V { ... }`: the volume of amounts, and the reactions
@@ -525,6 +536,10 @@ pub fn each_root(kind: &StatementKind, mut visit: impl FnMut(ExprRef)) {
             table.bounds.iter().for_each(|b| [b.lower, b.upper].into_iter().for_each(&mut visit));
         }
         StatementKind::Limit(list) => list.iter().flat_map(Limited::roots).for_each(visit),
+        StatementKind::When(event) => {
+            visit(event.condition);
+            event.resets.iter().for_each(|(_, e)| visit(*e));
+        }
         StatementKind::Use(submodel) => submodel.connections.iter().for_each(|(_, e)| visit(*e)),
         StatementKind::Reactions(volume, list) => {
             volume.iter().for_each(|e| visit(*e));

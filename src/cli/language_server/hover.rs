@@ -131,6 +131,7 @@ fn concerns(tree: &SyntaxTree, kind: &StatementKind, name: &str) -> bool {
         StatementKind::Equation(left, _) => derivatives(tree, *left).any(|state| state == name),
         StatementKind::Smooth(smooth) => smooth.table.text == name,
         StatementKind::Limit(list) => list.iter().any(|l| l.state.text == name),
+        StatementKind::When(event) => event.resets.iter().any(|(n, _)| n.text == name),
         StatementKind::Noise(list) | StatementKind::Process(list) | StatementKind::Tie(list) => {
             list.iter().any(|(n, _)| n.text == name)
         }

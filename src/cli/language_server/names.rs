@@ -77,6 +77,7 @@ impl Places<'_> {
             }
             StatementKind::Smooth(smooth) => self.name(&smooth.table),
             StatementKind::Limit(list) => list.iter().for_each(|l| self.name(&l.state)),
+            StatementKind::When(event) => event.resets.iter().for_each(|(name, _)| self.name(name)),
             // what stands left in its brackets are names of the submodel
             StatementKind::Use(submodel) => self.name(&submodel.alias),
             StatementKind::Reactions(_, list) => {

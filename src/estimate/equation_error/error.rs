@@ -73,6 +73,8 @@ impl fmt::Display for Refusal {
 pub enum RegressionError {
     #[error("there is no run to estimate from")]
     NoRuns,
+    #[error("the model has events (`when`): at these a state has no rate; fit with `--method output-error`")]
+    Events,
     #[error("no equation of the model is a regression:\n{}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"))]
     NoEquation(Vec<Refusal>),
     #[error("{0}")]

@@ -103,6 +103,9 @@ pub struct Regressed {
 /// # Errors
 /// [`RegressionError`]: no equation is a regression (each with its reason), or the records do not serve.
 pub fn regress(model: &Model, runs: &[Run], options: &RegressionOptions) -> Result<Regression, RegressionError> {
+    if model.definition().has_events() {
+        return Err(RegressionError::Events);
+    }
     check(runs, options)?;
     let definition = model.definition();
     let mut equations = Equations::new(definition);

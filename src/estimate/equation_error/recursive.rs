@@ -85,6 +85,9 @@ const OPEN: f64 = 1e3;
 /// # Errors
 /// [`RegressionError`]: no equation is a regression, or the records do not serve.
 pub fn recursive(model: &Model, runs: &[Run], options: &RecursiveOptions) -> Result<Recursion, RegressionError> {
+    if model.definition().has_events() {
+        return Err(RegressionError::Events);
+    }
     if runs.is_empty() {
         return Err(RegressionError::NoRuns);
     }

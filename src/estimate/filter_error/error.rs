@@ -27,6 +27,8 @@ pub enum FilterError {
         /// Name of the state.
         state: String,
     },
+    /// A filter knows of no events.
+    Events,
     /// An intensity moves by parts of itself, and 0 has none.
     StartsAtZero {
         /// Name of the parameter.
@@ -62,6 +64,9 @@ impl fmt::Display for FilterError {
                 f,
                 "the state `{state}` has a limit, which the filter-error method does not know; fit with `--method output-error`, or \
                  write `limit {state} in [...] smooth ...;`"
+            ),
+            Self::Events => f.write_str(
+                "the model has events (`when`), which the filter-error method does not know; fit with `--method output-error`",
             ),
             Self::StartsAtZero { parameter } => write!(
                 f,

@@ -301,8 +301,13 @@ fn nothing(model: &Model, setting: &mut Setting<'_>, values: &[f64], lost: Lost)
     let statistics = Statistics::new(&setting.problem, &unknowns, values, None, None);
     let (parameters, covered, _) = statistics.parameters(&setting.problem, &unknowns, values);
     let Lost { run, divergence: d } = lost;
-    let termination =
-        Termination::Diverged { run: setting.runs[run].name.clone(), time: d.time, state: d.state, sample: d.sample };
+    let termination = Termination::Diverged {
+        run: setting.runs[run].name.clone(),
+        time: d.time,
+        state: d.state,
+        sample: d.sample,
+        event: d.event,
+    };
     let empty = Symmetric::default;
     let estimate = Estimate {
         parameters,

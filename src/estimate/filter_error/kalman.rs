@@ -151,7 +151,7 @@ impl<'a> Kalman<'a> {
         }
         self.flow.prepare(&self.theta);
         self.sight.prepare(&self.theta);
-        let failed = Divergence { time: 0.0, state: None, sample: 0 };
+        let failed = Divergence { time: 0.0, state: None, sample: 0, event: None };
         if self.flow.delays().iter().any(|tau| !tau.is_finite()) {
             return Err(failed);
         }
@@ -185,7 +185,7 @@ impl<'a> Kalman<'a> {
         }
         let state = x.iter().position(|v| !v.is_finite());
         let sample = (0..=step).rev().find_map(|k| self.course.sample_at(k)).unwrap_or(0);
-        Err(Divergence { time: t + h, state, sample })
+        Err(Divergence { time: t + h, state, sample, event: None })
     }
 
     /// The slope of everything at the stage of a step.
@@ -270,7 +270,7 @@ impl<'a> Kalman<'a> {
                 variance: &mut self.variance[..l],
             };
             if !output.take(room, &mut self.score) {
-                return Err(Divergence { time: t, state: None, sample });
+                return Err(Divergence { time: t, state: None, sample, event: None });
             }
         }
         Ok(())

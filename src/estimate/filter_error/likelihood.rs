@@ -207,6 +207,9 @@ impl<'a> Setting<'a> {
         if let Some(k) = model.layout().limited.first() {
             return Err(FilterError::Limit { state: definition.states[*k as usize].quantity.name.clone() });
         }
+        if definition.has_events() {
+            return Err(FilterError::Events);
+        }
         let known = match options.noise.clone().or_declared(&definition.outputs) {
             Noise::Full => return Err(FilterError::FullNoise),
             Noise::Given(known) => known,

@@ -113,7 +113,7 @@ impl Response for Standardised<'_> {
         // beyond zero the likelihood would be that of the absolute value, and the estimate no deviation
         if let Some(sample) = rows.position(|(all, z)| z.iter().zip(&self.deviations).any(|pair| negative(pair, all))) {
             let time = self.simulator.run().time[sample];
-            return Err(Divergence { time, state: None, sample: sample.saturating_sub(1) });
+            return Err(Divergence { time, state: None, sample: sample.saturating_sub(1), event: None });
         }
         let samples = all.chunks_exact(simulated).zip(self.measured.chunks_exact(q));
         for ((all, z), y) in samples.zip(y.chunks_exact_mut(parts.len())) {

@@ -376,7 +376,7 @@ impl BinResponse {
             gradient.axpy(z - y, &row, 1.0);
         }
         if !information.iter().chain(&gradient).all(|v: &f64| v.is_finite()) {
-            return Err(Divergence { time: 0.0, state: None, sample: 0 });
+            return Err(Divergence { time: 0.0, state: None, sample: 0, event: None });
         }
         Ok(solved(&information, &gradient))
     }

@@ -72,6 +72,8 @@ pub enum SpectralError {
     },
     /// Forcing by explicit time is not in a linear model.
     UsesTime,
+    /// Events are not in a linear model.
+    Events,
     /// Nothing moves by itself.
     NoStates,
     /// A delay that no record shows.
@@ -118,6 +120,7 @@ impl fmt::Display for SpectralError {
             Self::Trim(e) => e.fmt(f),
             Self::NotCarried(e) => e.fmt(f),
             Self::Unanswered(e) => e.fmt(f),
+            Self::Events => f.write_str("the model has events (`when`), which the frequency domain does not know; fit it in the time domain"),
             Self::TooFewFrequencies { unknowns, ends, frequencies, outputs } => {
                 let of_ends = if *ends > 0 { format!(" ({ends} of them end values)") } else { String::new() };
                 write!(

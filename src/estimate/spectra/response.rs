@@ -71,7 +71,7 @@ pub(crate) fn failed(reason: &Reason, why: Unanswered) -> Divergence {
         _ => 0,
     };
     reason.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(why);
-    Divergence { time: 0.0, state: None, sample }
+    Divergence { time: 0.0, state: None, sample, event: None }
 }
 
 impl Response for SpectralResponse {

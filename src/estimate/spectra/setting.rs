@@ -58,6 +58,9 @@ impl Setting {
     /// # Errors
     /// [`SpectralError`].
     pub(super) fn new(model: &Model, runs: &[Run], options: &SpectralOptions) -> Result<Self, SpectralError> {
+        if model.definition().has_events() {
+            return Err(SpectralError::Events);
+        }
         let (model, measured_regressors) = linear_or_regressed(model, options.nonlinear)?;
         checked_model(&model, runs)?;
         let recorded = Recorded::of(model.definition(), runs);
@@ -247,6 +250,7 @@ pub(crate) fn checked_model(model: &Model, runs: &[Run]) -> Result<(), SpectralE
     let definition = model.definition();
     match () {
         () if runs.is_empty() => Err(SpectralError::NoRuns),
+        () if definition.has_events() => Err(SpectralError::Events),
         () if is_forced(definition) => Err(SpectralError::UsesTime),
         () if definition.states.is_empty() && definition.graph.delayed().is_empty() => Err(SpectralError::NoStates),
         () => Ok(()),

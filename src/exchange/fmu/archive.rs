@@ -99,6 +99,10 @@ fn folder(version: Version) -> String {
 
 /// Refuses what a unit could not compute.
 fn suited(model: &Model) -> Result<(), FmuError> {
+    if model.definition().has_events() {
+        let said = "the model has events (`when`), which units do not hold yet; `limit x in [a, b];` they do";
+        return Err(FmuError::Unsuited(said.into()));
+    }
     let variables = Variables::of(model);
     let infinite = variables.list.iter().find(|v| v.start.is_some_and(|s| !s.is_finite()));
     if let Some(variable) = infinite {

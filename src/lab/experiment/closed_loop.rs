@@ -95,7 +95,7 @@ pub(super) fn closed(flight: &Flight<'_>, controller: &Model) -> Result<Loop, Ex
         moved = next;
         measured = body.outputs(t + dt, &moved);
         if let Some(state) = body.x.iter().position(|x| !x.is_finite()) {
-            let reason = Divergence { time: t + dt, state: Some(state), sample: k };
+            let reason = Divergence { time: t + dt, state: Some(state), sample: k, event: None };
             return Err(ExperimentError::Diverged { record: flight.record.name.clone(), reason });
         }
         measured.iter_mut().zip(&drawn).for_each(|(y, z)| *y += z[k + 1]);

@@ -86,7 +86,14 @@ pub(super) fn blank(states: usize, inputs: usize, params: &[f64]) -> Model {
     };
     let zero = model.graph.number(0.0);
     model.states = (0..states)
-        .map(|k| State { quantity: quantity(format!("x{k}")), rate: zero, initial: zero, noise: None, limits: None })
+        .map(|k| State {
+            quantity: quantity(format!("x{k}")),
+            rate: zero,
+            initial: zero,
+            noise: None,
+            limits: None,
+            resets: Vec::new(),
+        })
         .collect();
     model
 }

@@ -18,6 +18,9 @@ pub struct Tape {
     outputs: Bytecode,
     outputs_and_partials: Bytecode,
     by_input: Bytecode,
+    events: Bytecode,
+    events_and_partials: Bytecode,
+    rates_by_time: Bytecode,
 }
 
 impl Tape {
@@ -32,6 +35,9 @@ impl Tape {
             outputs: body(&schedule.outputs),
             outputs_and_partials: body(&schedule.outputs_and_partials),
             by_input: body(&schedule.by_input),
+            events: body(&schedule.events),
+            events_and_partials: body(&schedule.events_and_partials),
+            rates_by_time: body(&schedule.rates_by_time),
             layout: layout.clone(),
         }
     }
@@ -50,6 +56,9 @@ impl Dynamics for Tape {
             &self.outputs,
             &self.outputs_and_partials,
             &self.by_input,
+            &self.events,
+            &self.events_and_partials,
+            &self.rates_by_time,
         ];
         programs.map(|p| p.places).into_iter().max().unwrap_or(0)
     }
@@ -76,6 +85,18 @@ impl Dynamics for Tape {
 
     fn by_input(&self, at: Point<'_>, out: &mut [f64], work: &mut Workspace) {
         self.by_input.run(at, out, work);
+    }
+
+    fn events(&self, at: Point<'_>, out: &mut [f64], work: &mut Workspace) {
+        self.events.run(at, out, work);
+    }
+
+    fn events_and_partials(&self, at: Point<'_>, out: &mut [f64], work: &mut Workspace) {
+        self.events_and_partials.run(at, out, work);
+    }
+
+    fn rates_by_time(&self, at: Point<'_>, out: &mut [f64], work: &mut Workspace) {
+        self.rates_by_time.run(at, out, work);
     }
 
     fn step(&self, step: Step<'_>, next: &mut [f64], work: &mut Workspace) {

@@ -1,7 +1,7 @@
 //! What `fdm check` runs before anyone trusts a derivative: every partial of every program against the derivative that
 //! a complex step finds in the program without partials (Squire and Trapp 1998), structural zeros included.
 //!
-//! Equations are counted through: rates, outputs, initial values, delays; leaves: states, drive, parameters.
+//! Equations are counted through: rates, outputs, initial values, delays, limits, guards of events and what these set; leaves: states, drive, parameters.
 
 use super::disturbance::{Nominal, Rounding, Scatter};
 use super::expressions::{ComplexPoint, evaluate};
@@ -254,8 +254,25 @@ impl<'a> Comparison<'a> {
             self.model.outputs[k - n].quantity.name.clone()
         } else if k < n + q + n {
             format!("{}(0)", state(k - n - q))
-        } else {
+        } else if k < n + q + n + self.layout.delayed.len() {
             format!("the time of {}", self.model.leaf(Leaf::Delayed((k - n - q - n) as u32)))
+        } else if k < n + q + n + self.layout.delayed.len() + self.layout.limits.len() {
+            let k = k - n - q - n - self.layout.delayed.len();
+            format!("the {} limit of {}", ["lower", "upper"][k % 2], state(self.layout.limited[k / 2] as usize))
+        } else {
+            let k = k - n - q - n - self.layout.delayed.len() - self.layout.limits.len();
+            match self
+                .layout
+                .events
+                .iter()
+                .position(|event| (event.first..event.first + event.states.len()).contains(&k))
+            {
+                Some(at) => {
+                    let event = &self.layout.events[at];
+                    format!("{} behind event {}", state(event.states[k - event.first] as usize), at + 1)
+                }
+                None => format!("the condition of event {}", k + 1),
+            }
         }
     }
 
@@ -354,7 +371,8 @@ impl<'a> Sides<'a> {
 
     /// How many are differentiated.
     pub(super) fn equations(&self) -> usize {
-        2 * self.layout.states + self.layout.outputs + self.layout.tau.len() + self.layout.limits.len()
+        let layout = self.layout;
+        2 * layout.states + layout.outputs + layout.tau.len() + layout.limits.len() + layout.event_rows()
     }
 
     pub(super) fn site(&self, model: &Model, mut scatter: Scatter, nominal: &Nominal) -> Site {
@@ -380,6 +398,7 @@ impl<'a> Sides<'a> {
         values.extend(&known[self.layout.initial.clone()]);
         values.extend(&known[self.layout.tau.clone()]);
         values.extend(&known[self.layout.limits.clone()]);
+        values.extend(rounding.evaluate(&self.schedule.events, at));
         values
     }
 
@@ -412,6 +431,7 @@ impl<'a> Sides<'a> {
         let rates = rounding.evaluate(&self.schedule.rates_and_partials, at);
         let outputs = rounding.evaluate(&self.schedule.outputs_and_partials, at);
         let inputs = rounding.evaluate(&self.schedule.by_input, at);
+        let events = rounding.evaluate(&self.schedule.events_and_partials, at);
 
         let entry = |equation, leaf, value| Entry { equation, leaf, value, noise: 0.0 };
         let (delayed, params) = (n + m, n + layout.drive());
@@ -440,13 +460,22 @@ impl<'a> Sides<'a> {
                 &known[layout.limits_by_param.clone()],
             ),
         ];
-        for (pattern, equation, leaf, values) in plain {
+        let (first, rows) = (n + q + n + layout.delayed.len() + layout.limits.len(), layout.event_rows());
+        let by_input = rows + patterns.events_by_state.len();
+        let by_param = by_input + patterns.events_by_input.len();
+        let of_events = [
+            (&patterns.events_by_state, first, 0, &events[rows..]),
+            (&patterns.events_by_input, first, n, &events[by_input..]),
+            (&patterns.events_by_param, first, params, &events[by_param..]),
+        ];
+        for (pattern, equation, leaf, values) in plain.into_iter().chain(of_events) {
             entries.extend(pattern.entries().map(|(k, i, j)| entry(equation + i, leaf + j, values[k])));
         }
         let mut values = [&rates[..n], &outputs[..q]].concat();
         values.extend(&known[layout.initial.clone()]);
         values.extend(&known[layout.tau.clone()]);
         values.extend(&known[layout.limits.clone()]);
+        values.extend(&events[..layout.event_rows()]);
         entries.sort_by_key(|e| e.leaf);
         Symbolic { values, entries }
     }
@@ -493,6 +522,7 @@ impl<'a> Sides<'a> {
         results.extend(&known[self.layout.initial.clone()]);
         results.extend(&known[self.layout.tau.clone()]);
         results.extend(&known[self.layout.limits.clone()]);
+        results.extend(evaluate(&self.schedule.events, at(&known), &mut self.values, rounding));
         results.into_iter().map(|z| z.im).collect()
     }
 }

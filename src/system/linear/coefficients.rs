@@ -315,6 +315,9 @@ const MOST_HELD: (usize, usize) = (32, 8);
 /// Looks for the trim: from the start values; then with open states held at them, one and two at a time, those first that the equations that
 /// will not vanish depend on most (a rate of turn at zero); then with the recorded inputs held at their means.
 fn found(model: &fdm_grammar::Model, theta: &[f64], recorded: &Recorded, need: Need) -> Result<Found, TrimError> {
+    if model.has_events() {
+        return Err(TrimError::Events);
+    }
     let nothing = Recorded::default();
     let lost = match sought(model, theta, &nothing, need) {
         Ok(found) => return Ok(found),

@@ -9,6 +9,11 @@ use fdm_numeric::dense::GaussJordan;
 /// Why a model has no linear model.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TrimError {
+    /// Events have no part in a linear model.
+    #[error(
+        "the model has events (`when`), and no linear model has: fit in the time domain, or leave them out for this purpose"
+    )]
+    Events,
     /// The rates of these states cannot be made zero together.
     #[error("no trim was found: the rate{} of {} cannot be made zero{}; {}", if equations.len() == 1 { "" } else { "s" },
         listed(equations), held(given), wanted(open))]

@@ -438,7 +438,14 @@ fn a_model_says_what_it_wants() {
     assert_eq!(channels(&model), expected);
     model.outputs[0].expr = t;
     assert!(channels(&model).timed && channels(&model).samples == 1);
-    model.states.push(State { quantity: quantity("x", ""), rate: x, initial: x, noise: None, limits: None });
+    model.states.push(State {
+        quantity: quantity("x", ""),
+        rate: x,
+        initial: x,
+        noise: None,
+        limits: None,
+        resets: Vec::new(),
+    });
     assert!(channels(&model).timed && channels(&model).samples == 2);
 }
 

@@ -312,9 +312,10 @@ impl Choice<'_> {
         self.run.len() + MOST_UNEVEN
     }
 
-    /// Delayed states want the grid that their history was made for.
+    /// Delayed states want the grid that their history was made for, and events are beyond the probe.
     fn may_be_uneven(&self) -> bool {
-        !self.dynamics.layout().delayed.iter().any(|s| matches!(s, Signal::State(_)))
+        self.dynamics.layout().events.is_empty()
+            && !self.dynamics.layout().delayed.iter().any(|s| matches!(s, Signal::State(_)))
     }
 }
 

@@ -1,4 +1,7 @@
-//! Why a run has no response: a method that does not suit the model, or values that left the finite numbers.
+//! Why a run has no response: a method that does not suit the model, values that left the finite numbers, or events without end.
+
+use serde::{Deserialize, Serialize};
+use std::fmt;
 
 /// The simulation left the finite numbers.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -9,7 +12,40 @@ pub struct Divergence {
     pub state: Option<usize>,
     /// The last sample before that time.
     pub sample: usize,
+    /// Not the numbers but an event ended the run.
+    pub event: Option<EventFault>,
 }
+
+/// What an event did to a run; events are counted from 0 in the order of the text.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum EventFault {
+    /// It happens again and again in ever shorter time (Zeno's paradox).
+    Accumulates(usize),
+    /// Its guard only touches zero: the instant has no derivative by the parameters.
+    Grazes(usize),
+}
+
+impl fmt::Display for EventFault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Accumulates(event) => write!(
+                f,
+                "`when` number {} happens more than {MOST_EVENTS} times within one step, ever more often: what comes to rest needs a \
+                 `limit`, or a condition with a distance between on and off",
+                event + 1
+            ),
+            Self::Grazes(event) => write!(
+                f,
+                "the condition of `when` number {} is only touched, not passed: the response has no derivative there",
+                event + 1
+            ),
+        }
+    }
+}
+
+/// Most events in one step.
+pub(super) const MOST_EVENTS: usize = 100;
 
 /// Most steps of a run; every step keeps its time and its drive.
 pub(super) const MOST_STEPS: usize = 20_000_000;
@@ -50,6 +86,11 @@ pub enum Unsuited {
         "the implicit method does not know delayed states yet: integrate this model by Runge-Kutta (`--integrator runge-kutta`)"
     )]
     DelayedStates,
+    /// An event would fall into the middle of a step that has no solution up to there.
+    #[error(
+        "the implicit method does not know events (`when`): integrate this model by Runge-Kutta (`--integrator runge-kutta`)"
+    )]
+    Events,
     /// The equations of an implicit step would not fit into memory.
     #[error("{states} states are more than the {MOST_IMPLICIT} of the implicit method: use `--integrator runge-kutta`")]
     TooManyStates {

@@ -2,7 +2,7 @@
 //!
 //! Method and steps are chosen once ([`choose_steps`]) and then kept, so that the sensitivities are the exact derivative of the discrete
 //! response, not an approximation of the derivative of something else. A `Trajectory` is what every integrator advances: explicit
-//! steps (`runge_kutta.rs`), implicit ones for stiff models (`stiff`), models with delayed states (`delayed`), and linear models by exact
+//! steps (`runge_kutta.rs`; across events `events.rs`), implicit ones for stiff models (`stiff`), models with delayed states (`delayed`), and linear models by exact
 //! discretisation (`discrete`).
 
 mod blocks;
@@ -12,6 +12,8 @@ mod delayed_inputs;
 mod discrete;
 mod drive;
 mod error;
+mod event_steps;
+mod events;
 mod observation;
 mod runge_kutta;
 mod simulator;
@@ -28,7 +30,7 @@ pub use blocks::{PlaneSink, Planes};
 pub use choice::{Accuracy, SOUND, UNSOUND, WorstError, error_of, integration_error, output_range, worst_errors};
 pub use choice::{choose_steps, choose_steps_by, choose_steps_once, choose_steps_to, choose_steps_within};
 pub use drive::Course;
-pub use error::{Divergence, Unsuited};
+pub use error::{Divergence, EventFault, Unsuited};
 pub use simulator::Simulator;
 pub use single_step::SingleStep;
 pub use steps::Grid;

@@ -169,7 +169,11 @@ impl Observation {
                 accumulate(self.output[term.entry as usize], from, to);
             }
         }
-        if y.iter().all(|y| y.is_finite()) { Ok(()) } else { Err(Divergence { time: t, state: None, sample }) }
+        if y.iter().all(|y| y.is_finite()) {
+            Ok(())
+        } else {
+            Err(Divergence { time: t, state: None, sample, event: None })
+        }
     }
 
     /// Delayed signals at a sample with their sensitivities: the signal's own, and -slope times tau_theta.

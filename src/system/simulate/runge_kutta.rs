@@ -8,6 +8,7 @@
 
 use super::blocks::{Gathering, RowLayout, Sink};
 use super::error::Divergence;
+use super::event_steps;
 use super::observation::{Observation, Scatter, scatter};
 use super::tangent::TangentPlan;
 use super::trajectory::{Trajectory, finite, two_nodes};
@@ -92,6 +93,9 @@ impl Sensitivity {
     /// A whole run for which the trajectory is prepared.
     pub(super) fn run(&mut self, trajectory: &mut Trajectory<'_>, sink: &mut Sink<'_>) -> Result<(), Divergence> {
         self.begin(&trajectory.known);
+        if trajectory.events.is_some() {
+            return event_steps::run(self, trajectory, sink);
+        }
         dispatch(March { sensitivity: self, trajectory, sink })
     }
 

@@ -110,6 +110,9 @@ impl<'a> Simulator<'a> {
         if implicit && delays_states {
             return Err(Unsuited::DelayedStates);
         }
+        if implicit && !layout.events.is_empty() {
+            return Err(Unsuited::Events);
+        }
         if implicit && layout.states > MOST_IMPLICIT {
             return Err(Unsuited::TooManyStates { states: layout.states });
         }
@@ -279,9 +282,9 @@ impl<'a> Simulator<'a> {
     fn begin(&mut self, theta: &[f64], stride: usize) -> Result<(), Divergence> {
         let Self { trajectory, integrator } = self;
         trajectory.prepare(theta);
-        let Trajectory { dynamics, run, grid, drive, known, history, nodes, .. } = trajectory;
+        let Trajectory { dynamics, run, grid, drive, known, nodes, .. } = trajectory;
         let layout = dynamics.layout();
-        let start = |state| Divergence { time: 0.0, state, sample: 0 };
+        let start = |state| Divergence { time: 0.0, state, sample: 0, event: None };
         let x0 = &known[layout.initial.clone()];
         if let Some(state) = x0.iter().position(|x| !x.is_finite()) {
             return Err(start(Some(state)));
@@ -294,6 +297,9 @@ impl<'a> Simulator<'a> {
             return Err(start(None));
         }
         drive.delay(tau, run, grid, matches!(integrator, Integrator::Discrete(_)));
+        trajectory.begin_events();
+        let Trajectory { grid, known, history, .. } = trajectory;
+        let tau = &known[layout.tau.clone()];
         if let Some(history) = history {
             let longest = longest_state_delay(layout, known);
             if history.numbers(stride, longest, grid) > History::MOST {

@@ -253,7 +253,11 @@ impl Reach {
         p.initial_by_param.entries().filter_map(|(_, i, j)| place(i, j)).for_each(|at| reached[at] = true);
         let limits = p.limits_by_param.entries().filter_map(|(_, row, j)| place(layout.limited[row / 2] as usize, j));
         limits.for_each(|at| reached[at] = true);
-        let mut grown = true;
+        // an event hands the derivative of its instant on to every state
+        let mut grown = layout.events.is_empty();
+        if !grown {
+            reached.fill(true);
+        }
         while grown {
             grown = false;
             for (_, i, j) in p.rates_by_state.entries().filter(|(_, i, j)| i != j) {

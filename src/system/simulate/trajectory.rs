@@ -5,6 +5,7 @@
 use super::delayed::History;
 use super::drive::DriveTable;
 use super::error::Divergence;
+use super::events::{Events, Follower, StatesAlone, Stretch};
 use super::steps::Grid;
 use super::stops::Stops;
 use crate::dynamics::{Dynamics, Point, Step, Workspace};
@@ -43,6 +44,8 @@ pub(super) struct Trajectory<'a> {
     pub(super) nodes: [Vec<f64>; 3],
     /// Limited states at the ends of the last steps.
     pub(super) stops: Stops,
+    /// Of a model that has events.
+    pub(super) events: Option<Box<Events>>,
 }
 
 impl<'a> Trajectory<'a> {
@@ -59,6 +62,16 @@ impl<'a> Trajectory<'a> {
             history: History::new(layout),
             nodes: std::array::from_fn(|_| vec![0.0; layout.states]),
             stops: Stops::new(layout),
+            events: Events::new(layout),
+        }
+    }
+
+    /// At the beginning of a run, whose states stand at node 0.
+    pub(super) fn begin_events(&mut self) {
+        let Self { dynamics, grid, drive, known, nodes, work, events: Some(events), .. } = self else { return };
+        if grid.steps() > 0 {
+            let (t, h) = grid.step(0);
+            events.begin(&Stretch { dynamics: *dynamics, t, h, drive: drive.stages(0), known }, &nodes[0], work);
         }
     }
 
@@ -91,7 +104,23 @@ impl<'a> Trajectory<'a> {
         let step = Step { t, h, x, drive: self.drive.stages(k), known: &self.known };
         self.dynamics.step(step, next, &mut self.work);
         self.stops.hold(k, self.dynamics.layout(), &self.known, next);
-        finite(&self.grid, k, next)
+        finite(&self.grid, k, next)?;
+        if self.events.is_some() {
+            return self.across(k, &mut StatesAlone);
+        }
+        Ok(())
+    }
+
+    /// The events of step k, whose end without them stands at node k + 1.
+    pub(super) fn across(&mut self, k: usize, follower: &mut dyn Follower) -> Result<(), Divergence> {
+        let Self { dynamics, grid, drive, known, nodes, work, events: Some(events), .. } = self else { return Ok(()) };
+        let (t, h) = grid.step(k);
+        let (x, next) = two_nodes(nodes, k);
+        let stretch = Stretch { dynamics: *dynamics, t, h, drive: drive.stages(k), known };
+        let sample = grid.sample_before(k);
+        let fault = |(time, fault)| Divergence { time, state: None, sample, event: Some(fault) };
+        events.across(&stretch, x, next, work, follower).map_err(fault)?;
+        finite(grid, k, next)
     }
 
     /// Takes the limited states at the end of step k back, for methods that have just found them.
@@ -126,7 +155,11 @@ impl<'a> Trajectory<'a> {
         let x = &self.nodes[node(k)];
         let y = &mut y[..layout.outputs];
         self.dynamics.outputs(Point { t, x, drive, known: &self.known }, y, &mut self.work);
-        if y.iter().all(|y| y.is_finite()) { Ok(()) } else { Err(Divergence { time: t, state: None, sample }) }
+        if y.iter().all(|y| y.is_finite()) {
+            Ok(())
+        } else {
+            Err(Divergence { time: t, state: None, sample, event: None })
+        }
     }
 }
 
@@ -142,7 +175,7 @@ pub(super) fn finite(grid: &Grid, k: usize, x: &[f64]) -> Result<(), Divergence>
 /// Step k has left the finite numbers.
 pub(super) fn diverged(grid: &Grid, k: usize, state: Option<usize>) -> Divergence {
     let (t, h) = grid.step(k);
-    Divergence { time: t + h, state, sample: grid.sample_before(k) }
+    Divergence { time: t + h, state, sample: grid.sample_before(k), event: None }
 }
 
 /// Which of the three nodes in turn holds node k.

@@ -60,6 +60,7 @@ fn has_arrays(tree: &SyntaxTree) -> bool {
         | StatementKind::Trim(list)
         | StatementKind::Tie(list) => list.iter().any(|(name, _)| name.text.contains('[')),
         StatementKind::Limit(list) => list.iter().any(|l| l.state.text.contains('[')),
+        StatementKind::When(event) => event.resets.iter().any(|(name, _)| name.text.contains('[')),
         StatementKind::Table(table) => matches!(table.nodes, Nodes::Written(_)),
         _ => false,
     });

@@ -7,7 +7,7 @@ use super::writer::{BROKEN, Item};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::source::Span;
 use crate::syntax::{
-    Bounds, Declaration, Expr, ExprRef, Limited, Name, Role, Statement, StatementKind, Value, operands,
+    Bounds, Declaration, Expr, ExprRef, Limited, Name, Role, Statement, StatementKind, Value, When, operands,
 };
 
 impl Evaluator<'_, '_> {
@@ -35,6 +35,10 @@ impl Evaluator<'_, '_> {
             StatementKind::Trim(list) => keep(StatementKind::Trim(self.targets(list))),
             StatementKind::Tie(list) => keep(StatementKind::Tie(self.targets(list))),
             StatementKind::Limit(list) => keep(StatementKind::Limit(self.limits(list))),
+            StatementKind::When(event) => {
+                let condition = self.scalar(event.condition, "the condition of an event is made of");
+                keep(StatementKind::When(When { condition, resets: self.targets(&event.resets) }));
+            }
             StatementKind::Table(table) => match self.table(table) {
                 Some((table, params)) => {
                     if !params.is_empty() {

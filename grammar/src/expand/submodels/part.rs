@@ -3,7 +3,7 @@
 use super::connections::Connections;
 use crate::syntax::{
     Bounds, Declaration, Expr, ExprRef, Limited, Name, Nodes, Role, Smooth, Statement, StatementKind, SyntaxTree,
-    Table, Value, operands,
+    Table, Value, When, operands,
 };
 use std::collections::HashMap;
 
@@ -38,6 +38,10 @@ impl Part {
                 | StatementKind::Tie(list) => {
                     names += list.len();
                     bytes += list.iter().map(|(name, _)| name.text.len()).sum::<usize>();
+                }
+                StatementKind::When(event) => {
+                    names += event.resets.len();
+                    bytes += event.resets.iter().map(|(name, _)| name.text.len()).sum::<usize>();
                 }
                 StatementKind::Limit(list) => {
                     names += list.len();
@@ -211,6 +215,10 @@ impl Writer<'_> {
                 };
                 StatementKind::Limit(list.iter().map(limited).collect())
             }
+            StatementKind::When(event) => StatementKind::When(When {
+                condition: self.moved(event.condition),
+                resets: pairs(&event.resets, &|_| true),
+            }),
             StatementKind::Requirement(_)
             | StatementKind::Time(_)
             | StatementKind::Noise(_)

@@ -4,7 +4,7 @@
 //! elementary functions are called. **Start** at [`Jit::new`]; `translate.rs` says what each operation becomes.
 //!
 //! Compiling takes about as long as a thousand runs of the tape. What is evaluated once per parameter vector or once
-//! per model (`prepare`, `by_input`) is therefore left to the tape, and so are programs over [`LONGEST`] instructions.
+//! per model or event (`prepare`, `by_input`, the partials of events) is therefore left to the tape, and so are programs over [`LONGEST`] instructions.
 //! All `unsafe` of the project is in this folder.
 #![allow(unsafe_code)]
 
@@ -54,6 +54,7 @@ pub struct Jit {
     rates_and_partials: Lazy<Evaluate>,
     outputs: Lazy<Evaluate>,
     outputs_and_partials: Lazy<Evaluate>,
+    events: Lazy<Evaluate>,
     step: Lazy<Advance>,
     step_with_partials: Lazy<Advance>,
 }
@@ -73,6 +74,7 @@ impl Jit {
             rates_and_partials: Lazy::new(),
             outputs: Lazy::new(),
             outputs_and_partials: Lazy::new(),
+            events: Lazy::new(),
             step: Lazy::new(),
             step_with_partials: Lazy::new(),
         })
@@ -233,6 +235,20 @@ impl Dynamics for Jit {
 
     fn by_input(&self, at: Point<'_>, out: &mut [f64], work: &mut Workspace) {
         self.tape.by_input(at, out, work);
+    }
+
+    fn events(&self, at: Point<'_>, out: &mut [f64], work: &mut Workspace) {
+        if !self.evaluate(&self.events, &self.schedule.events, at, out) {
+            self.tape.events(at, out, work);
+        }
+    }
+
+    fn events_and_partials(&self, at: Point<'_>, out: &mut [f64], work: &mut Workspace) {
+        self.tape.events_and_partials(at, out, work);
+    }
+
+    fn rates_by_time(&self, at: Point<'_>, out: &mut [f64], work: &mut Workspace) {
+        self.tape.rates_by_time(at, out, work);
     }
 
     fn step(&self, step: Step<'_>, next: &mut [f64], work: &mut Workspace) {

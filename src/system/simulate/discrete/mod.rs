@@ -183,11 +183,16 @@ impl Discrete {
             if let Some(state) = self.first_not_finite() {
                 let (t, h) = trajectory.grid.step(k);
                 let sample = k / trajectory.grid.per_interval().unwrap_or(1);
-                return Divergence { time: t + h, state, sample };
+                return Divergence { time: t + h, state, sample, event: None };
             }
         }
         let (t, h) = trajectory.grid.step(steps.end - 1);
-        Divergence { time: t + h, state: None, sample: (steps.end - 1) / trajectory.grid.per_interval().unwrap_or(1) }
+        Divergence {
+            time: t + h,
+            state: None,
+            sample: (steps.end - 1) / trajectory.grid.per_interval().unwrap_or(1),
+            event: None,
+        }
     }
 
     /// The first state, if any, that is not finite; none of them (but `Some`) when a sensitivity is not.
@@ -452,7 +457,7 @@ impl Discrete {
             None => Ok(()),
             Some(cell) => {
                 let sample = first + cell / layout.outputs.len();
-                Err(Divergence { time: trajectory.run.time[sample], state: None, sample })
+                Err(Divergence { time: trajectory.run.time[sample], state: None, sample, event: None })
             }
         }
     }
