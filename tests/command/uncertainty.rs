@@ -312,7 +312,7 @@ fn the_best_models_of_a_diagnosis_are_averaged() {
                 x += dt / 50.0 * (3.0 * v - k * x);
             }
         }
-        desk.write(format!("{name}.csv"), rows);
+        desk.write(&format!("{name}.csv"), rows);
     }
     let words = "diagnose model.fdm --data one.csv --data two.csv --validation three.csv --zoh u --only actuator_lag --only input_delay --out diagnosis -q";
     desk.good(words);
