@@ -81,7 +81,7 @@ fn predictions(
         let elsewhere = vec![true; model.layout().outputs];
         let options = arguments.selection.options(true);
         let mut files = match arguments.data.is_empty() && !arguments.list.is_given() {
-            // those that the diagnosis held out
+            // the validation runs of the diagnosis
             true => held.to_vec(),
             false => arguments.list.files((&arguments.data, Role::Validation), &options, model)?,
         };

@@ -297,7 +297,7 @@ fn the_terminal_tells_the_verdict_first_and_pages_show_responses() {
 #[test]
 fn the_best_models_of_a_diagnosis_are_averaged() {
     let desk = Desk::with([("model.fdm", MODEL)]);
-    // what the model lacks: the gain falls with the input's size, and one run is held out
+    // what the model lacks is a lag of the actuator; one run is for validation
     for (name, seed) in [("one", 1), ("two", 2), ("three", 3)] {
         let mut noise = Normal(seed);
         let (dt, mut x, mut v) = (0.05, 0.0_f64, 0.0_f64);
@@ -305,7 +305,7 @@ fn the_best_models_of_a_diagnosis_are_averaged() {
         for n in 0..200 {
             let u = if (0.11 * f64::from(n) + seed as f64).sin() > 0.0 { 1.0 } else { -1.0 };
             rows.push_str(&format!("{},{u},{}\n", dt * f64::from(n), x + 0.1 + 0.03 * noise.next()));
-            // a lag of the actuator, exactly
+            // the lag, in fifty steps
             let (k, a) = (2.0, 5.0_f64);
             for _ in 0..50 {
                 v += dt / 50.0 * a * (u - v);
