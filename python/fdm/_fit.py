@@ -356,7 +356,8 @@ class Fit:
     def sample(self, *, chains: int | None = None, draws: int | None = None, seed: int | None = None, progress: Any = None, **options: Any) -> Draws:
         """Draws from the posterior by the No-U-Turn sampler, as ``fdm sample``: of parameters, noise and derived quantities.
 
-        chains: how many (4); draws: of each chain (1000); warmup, target, max_depth: of the sampler; bands: predictive bands of every run.
+        chains: how many (4); draws: of each chain (1000); warmup, target, max_depth: of the sampler; bands: predictive bands of every run; white:
+        residuals taken for white, where they are coloured and draws are as wide as the corrected errors otherwise.
         """
         from ._results import Draws
 

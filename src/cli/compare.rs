@@ -1,9 +1,11 @@
 //! `fdm compare`: several results side by side, and what they predict of validation runs.
 
 use crate::bands::of_validation;
-use crate::campaign::Role;
+use crate::campaign::{RecordFile, Role};
 use crate::deliver::{Output, write};
+use crate::effects::Effects;
 use crate::failure::{Ending, Failure, ended, remark};
+use crate::front::Diagnosed;
 use crate::load::{RunList, Selection, fitted_before, open_result, read_runs};
 use crate::progress::Progress;
 use clap::Args;
@@ -17,8 +19,8 @@ use std::path::PathBuf;
 /// What `fdm compare` takes.
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
-    /// Result folders that `fdm fit --out` wrote; the first is the reference for the others
-    #[arg(value_name = "RESULT", required = true, num_args = 2..)]
+    /// Result folders that `fdm fit --out` wrote; the first is the reference for the others. A folder of `fdm diagnose --out` stands for its best models, which are fitted anew
+    #[arg(value_name = "RESULT", required = true, num_args = 1..)]
     results: Vec<PathBuf>,
     /// Validation data: runs that none of them was fitted to, or patterns; may be given several times
     #[arg(long = "data", value_name = "RUN", help_heading = "Data", num_args = 1.., group = "recorded")]
@@ -28,6 +30,8 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     selection: Selection,
     #[command(flatten)]
+    effects: Effects,
+    #[command(flatten)]
     output: Output,
     /// Write one page for a browser: criteria, parameters beside each other and averaged, predictions
     #[arg(long, value_name = "FILE.html", help_heading = "Result")]
@@ -35,11 +39,26 @@ pub(crate) struct Arguments {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
-    let results: Vec<(ResultFolder, Model)> =
-        arguments.results.iter().map(|folder| open_result(folder, None)).collect::<Result<_, Failure>>()?;
+    let mut progress = Progress::new(arguments.output.quiet);
+    let (mut results, mut held) = (Vec::new(), Vec::new());
+    for folder in &arguments.results {
+        match Diagnosed::open(folder)? {
+            Some(found) => {
+                results.extend(found.results(&arguments.effects, &mut progress)?);
+                held.extend(found.files(Role::Validation)?);
+            }
+            None => results.push(open_result(folder, None)?),
+        }
+    }
+    progress.finish();
+    if results.len() < 2 {
+        return Err(Failure::input([
+            "nothing to compare: give two results or more, or a diagnosis (`fdm diagnose --out`) with several best models",
+        ]));
+    }
     let mut comparison = compare(results.iter().map(|(folder, _)| Candidate::new(folder)).collect());
-    if !arguments.data.is_empty() || arguments.list.is_given() {
-        let predictions = predictions(arguments, &results, &comparison)?;
+    if !arguments.data.is_empty() || arguments.list.is_given() || !held.is_empty() {
+        let predictions = predictions(arguments, (&results, &held), &comparison)?;
         comparison = comparison.with_predictions(predictions);
     }
     let printed = arguments.output.print(|| comparison_table(&comparison), || &comparison)?;
@@ -52,7 +71,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
 
 fn predictions(
     arguments: &Arguments,
-    results: &[(ResultFolder, Model)],
+    (results, held): (&[(ResultFolder, Model)], &[RecordFile]),
     comparison: &Comparison,
 ) -> Result<Vec<Prediction>, Failure> {
     let mut progress = Progress::new(arguments.output.quiet);
@@ -61,7 +80,11 @@ fn predictions(
         let quiet = arguments.output.quiet || k > 0;
         let elsewhere = vec![true; model.layout().outputs];
         let options = arguments.selection.options(true);
-        let mut files = arguments.list.files((&arguments.data, Role::Validation), &options, model)?;
+        let mut files = match arguments.data.is_empty() && !arguments.list.is_given() {
+            // the validation runs of the diagnosis
+            true => held.to_vec(),
+            false => arguments.list.files((&arguments.data, Role::Validation), &options, model)?,
+        };
         if files.iter().any(|f| f.role == Role::Validation) {
             files.retain(|f| f.role == Role::Validation);
         }

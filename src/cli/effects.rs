@@ -8,6 +8,7 @@ use clap::Args;
 use fdm_grammar::effect::{Beginning, Catalogue, Choice, Field, Kind, Nominal, Places, Scales, Subject};
 use fdm_grammar::{Diagnostic, Source};
 use fdm_results::documents::EffectsDocument;
+use fdm_system::record::Run;
 use fdm_system::{Model, ModelError};
 use similar::TextDiff;
 use std::collections::BTreeSet;
@@ -191,13 +192,25 @@ pub(crate) struct Extend {
     overwriting: Overwriting,
 }
 
-/// What was typed about the records; signals are of size 1.
-struct Typed {
-    step: f64,
-    duration: f64,
+/// How records are sampled; signals are of size 1.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Sampling {
+    pub(crate) step: f64,
+    pub(crate) duration: f64,
 }
 
-impl Scales for Typed {
+impl Sampling {
+    /// That of the longest of runs.
+    pub(crate) fn of(runs: &[Run]) -> Self {
+        let span = |run: &Run| run.time.last().zip(run.time.first()).map_or(0.0, |(end, begin)| end - begin);
+        let duration = runs.iter().map(span).fold(0.0, f64::max);
+        let step = runs.iter().map(|run| span(run) / run.len().saturating_sub(1).max(1) as f64).fold(0.0, f64::max);
+        let positive = |v: f64, otherwise: f64| if v > 0.0 && v.is_finite() { v } else { otherwise };
+        Self { step: positive(step, 0.01), duration: positive(duration, 10.0) }
+    }
+}
+
+impl Scales for Sampling {
     fn size(&self, signal: &str, q: f64) -> f64 {
         Nominal.size(signal, q)
     }
@@ -225,23 +238,31 @@ impl Scales for Typed {
 
 impl Extend {
     /// A model with the effects in it.
-    pub(crate) fn applied(&self, mut at: Subject) -> Result<Subject, Failure> {
+    pub(crate) fn applied(&self, at: Subject) -> Result<Subject, Failure> {
         let positive = |v: f64| v > 0.0 && v.is_finite();
         if !positive(self.step) || !positive(self.duration) {
             return Err(Failure::input(["`--step` and `--duration` must be above zero"]));
         }
-        let catalogue = self.effects.read()?;
-        let scales = Typed { step: self.step, duration: self.duration };
-        for wanted in &self.effect {
-            let places = catalogue.places(&at);
-            let candidate = places.find(wanted).ok_or_else(|| nowhere(wanted, &places))?;
-            let extension =
-                candidate.apply(&at, &scales, &Choice::new()).map_err(|d| Failure::input([d.message.clone()]))?;
-            let compiled = fdm_grammar::compile(extension.source()).map_err(|f| invalid(extension.source(), f))?;
-            at = Subject::new(extension.source(), &compiled.model).map_err(|f| invalid(extension.source(), f))?;
-        }
-        Ok(at)
+        with_effects(at, &self.effect, &self.effects.read()?, Sampling { step: self.step, duration: self.duration })
     }
+}
+
+/// A model with effects in it, one after the other.
+pub(crate) fn with_effects(
+    mut at: Subject,
+    wanted: &[String],
+    catalogue: &Catalogue,
+    sampling: Sampling,
+) -> Result<Subject, Failure> {
+    for wanted in wanted {
+        let places = catalogue.places(&at);
+        let candidate = places.find(wanted).ok_or_else(|| nowhere(wanted, &places))?;
+        let extension =
+            candidate.apply(&at, &sampling, &Choice::new()).map_err(|d| Failure::input([d.message.clone()]))?;
+        let compiled = fdm_grammar::compile(extension.source()).map_err(|f| invalid(extension.source(), f))?;
+        at = Subject::new(extension.source(), &compiled.model).map_err(|f| invalid(extension.source(), f))?;
+    }
+    Ok(at)
 }
 
 pub(crate) fn extend(arguments: &Extend) -> Ending {

@@ -21,6 +21,7 @@ mod export;
 mod failure;
 mod fit;
 mod fmt;
+mod front;
 mod halt;
 mod help;
 mod import;

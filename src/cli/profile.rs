@@ -5,7 +5,7 @@ use crate::deliver::{Output, write};
 use crate::failure::{Ending, Failure, OrFailure, did_you_mean, ended, remark};
 use crate::fit::{integration_remarks, print_so_far};
 use crate::halt::{Halt, TimeLimit};
-use crate::load::{Estimated, MeasurementNoise, ModelFile, Records};
+use crate::load::{Estimated, MeasurementNoise, ModelFile, Records, number};
 use crate::options::Integration;
 use crate::ownership::Overwriting;
 use crate::progress::Progress;
@@ -35,6 +35,9 @@ pub(crate) struct Arguments {
     /// Parameter that is profiled; may be given several times [default: all that are estimated and shared]
     #[arg(long = "parameter", value_name = "NAME", help_heading = "Parameters")]
     parameters: Vec<String>,
+    /// End intervals where the cost has risen by so much: 1.92 is what a likelihood ratio allows white residuals [default: by the errors of the fit]
+    #[arg(long, value_name = "COST", value_parser = above_zero, help_heading = "Intervals")]
+    rise: Option<f64>,
     #[command(flatten)]
     estimated: Estimated,
     #[command(flatten)]
@@ -63,6 +66,13 @@ pub(crate) struct Arguments {
 struct Asked<'a> {
     fit: &'a FitOptions,
     parameters: &'a [String],
+    rise: Option<f64>,
+}
+
+/// A number above zero.
+fn above_zero(text: &str) -> Result<f64, String> {
+    let value = number(text)?;
+    if value > 0.0 && value.is_finite() { Ok(value) } else { Err("it must be above zero".into()) }
 }
 
 /// A fit, and the profiles around it, or why there are none.
@@ -79,7 +89,7 @@ impl Arguments {
         let halt = progress.halt();
         let goes_on = move || halt.goes_on();
         let profiler = match Profiler::new(&found, runs, &options, &goes_on) {
-            Ok(profiler) => profiler,
+            Ok(profiler) => profiler.with_rise(self.rise),
             Err(e) => {
                 progress.finish();
                 return Ok(Profiled { found, profiles: Err(e) });
@@ -128,8 +138,9 @@ impl Arguments {
             true => Failure::Numbers(e.to_string()),
             false => Failure::input([e]),
         })?;
+        let profiler = profiler.with_rise(self.rise);
         let parameters = self.profiled(&found)?;
-        let identity = Identity::of(&model, &runs, &Asked { fit: &options, parameters: &parameters });
+        let identity = Identity::of(&model, &runs, &Asked { fit: &options, parameters: &parameters, rise: self.rise });
         visit(&job::Sides { profiler: &profiler, parameters }, &identity)
     }
 

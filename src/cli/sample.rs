@@ -8,11 +8,11 @@ use crate::progress::Progress;
 use crate::simulate::fitted_runs;
 use clap::Args;
 use fdm_estimate::{Noise, Status};
-use fdm_lab::posterior::{Given, Posterior, SampleError, Samples, Sampling, sample};
+use fdm_lab::posterior::{CorrectedErrors, Given, Posterior, SampleError, Samples, Sampling, sample};
 use fdm_report::page::sample_page;
 use fdm_report::sample_text;
 use fdm_results::documents::sample::{ArvizDocument, SampleDocument, SampledParameter};
-use fdm_results::documents::to_text;
+use fdm_results::documents::{FitDocument, to_text};
 use fdm_results::store::ResultFolder;
 use fdm_system::Model;
 use fdm_system::record::Run;
@@ -46,6 +46,9 @@ pub(crate) struct Arguments {
     /// Most doublings of a trajectory
     #[arg(long, value_name = "N", allow_negative_numbers = true, default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=20), help_heading = "Sampling")]
     max_depth: u32,
+    /// Take residuals for white, as the likelihood does, though the fit found them coloured
+    #[arg(long, help_heading = "Sampling")]
+    white: bool,
     /// Posterior predictive bands of every run, in the JSON
     #[arg(long, help_heading = "Result")]
     bands: bool,
@@ -124,7 +127,7 @@ impl Arguments {
     ) -> Result<Drawn, Failure> {
         let model = found(folder)?;
         let runs = runs.map_or_else(|| fitted_runs(folder, None, &model), Ok)?;
-        let (posterior, mut remarks) = posterior(folder, &model, runs)?;
+        let (posterior, mut remarks) = posterior(folder, &model, runs, self.white)?;
         let sampling = self.sampling();
         progress.say(&format!("sampling {} unknowns with {} chains", posterior.unknowns(), sampling.chains));
         let halt = progress.halt();
@@ -151,6 +154,7 @@ impl Arguments {
             seed: sampling.seed,
             parameters,
             chains: samples.chains(sampling.most_depth),
+            widened: posterior.widened(),
             bands,
             remarks,
         };
@@ -186,23 +190,18 @@ fn found(folder: &ResultFolder) -> Result<Model, Failure> {
     Ok(model.with_params(params))
 }
 
-/// The posterior of a result over its runs, and what is to be said of it.
-fn posterior(folder: &ResultFolder, model: &Model, runs: Vec<Run>) -> Result<(Posterior, Vec<String>), Failure> {
+/// The posterior of a result over its runs, and what is to be said of it; `white` leaves the likelihood as it is.
+fn posterior(
+    folder: &ResultFolder,
+    model: &Model,
+    runs: Vec<Run>,
+    white: bool,
+) -> Result<(Posterior, Vec<String>), Failure> {
     let definition = model.definition();
     let Some(fit) = folder.result().fit() else {
         return Err(Failure::input(["regressions have no posterior; fit the model by output error"]));
     };
     let mut remarks = Vec::new();
-    let mut coloured: Vec<String> =
-        fit.noise_colour.iter().filter(|c| !c.is_white()).map(|c| format!("`{}`", c.output)).collect();
-    coloured.dedup();
-    if !coloured.is_empty() {
-        remarks.push(format!(
-            "note: residuals of {} are coloured, and draws take them for white: deviations and bands are too narrow; \
-             trust the corrected errors of the fit",
-            coloured.join(", ")
-        ));
-    }
     if definition.states.iter().any(|s| s.noise.is_some()) {
         remarks.push("note: process noise is left out, as by output error".to_string());
     }
@@ -227,8 +226,36 @@ fn posterior(folder: &ResultFolder, model: &Model, runs: Vec<Run>) -> Result<(Po
         });
         theta.push(own);
     }
-    let posterior = Posterior::new(Given { model, runs, steps, theta, noise }).or_failure()?;
+    let mut posterior = Posterior::new(Given { model, runs, steps, theta, noise }).or_failure()?;
+    if let Some(errors) = CorrectedErrors::of(fit).filter(|_| !white) {
+        posterior = posterior.corrected(&errors).or_failure()?;
+    }
+    remarks.extend(of_residuals(fit, posterior.widened()));
     Ok((posterior, remarks))
+}
+
+/// What residuals that are no white noise of one size mean for the draws.
+fn of_residuals(fit: &FitDocument, widened: Option<[f64; 2]>) -> Option<String> {
+    let coloured = fit.noise_colour.iter().filter(|c| !c.is_white()).map(|c| &c.output);
+    let varying = fit.outputs_in_time().iter().filter(|o| o.noise_variation.is_some()).map(|o| &o.name);
+    let mut names: Vec<&String> = coloured.chain(varying).collect();
+    names.sort_unstable();
+    names.dedup();
+    if names.is_empty() {
+        return None;
+    }
+    let names: Vec<String> = names.iter().map(|name| format!("`{name}`")).collect();
+    let names = names.join(", ");
+    Some(match widened {
+        Some([least, most]) => format!(
+            "note: residuals of {names} are no white noise of one size: the likelihood is widened to the corrected errors of the fit, \
+             {least:.2} to {most:.2} times; --white leaves it as it is"
+        ),
+        None => format!(
+            "note: residuals of {names} are no white noise of one size, and draws take them for that: deviations and bands may be too \
+             narrow; trust the corrected errors of the fit"
+        ),
+    })
 }
 
 /// What speaks against the draws.

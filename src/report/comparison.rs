@@ -11,10 +11,12 @@ use fdm_results::documents::{KeptParameter, OutputDocument, digits, digits_by_er
 const ABREAST: usize = 4;
 /// P-values below this are no chance.
 const SIGNIFICANT: f64 = 0.01;
+/// A weight that decides where no test can be made.
+const DECIDED: f64 = 0.95;
 
-/// Tables and sentences.
+/// Verdict, tables and sentences.
 pub fn comparison_table(comparison: &Comparison) -> String {
-    let mut text = criteria(comparison);
+    let mut text = format!("{}\n\n{}", verdict(comparison).sentence, criteria(comparison));
     comparison.nestings.iter().for_each(|n| text.push_str(&format!("{}\n", nesting(n))));
     let names: Vec<&str> = comparison.candidates.iter().map(|c| c.name.as_str()).collect();
     for begin in (0..names.len()).step_by(ABREAST) {
@@ -38,6 +40,70 @@ pub fn comparison_table(comparison: &Comparison) -> String {
     }
     text.push_str(&assumed(comparison));
     text
+}
+
+/// Which result is to be believed.
+pub(crate) struct Verdict {
+    /// Whether the tests bear it out.
+    pub(crate) settled: bool,
+    pub(crate) sentence: String,
+}
+
+/// The result of the greatest weight, and whether that is more than chance: weights lean to one side where residuals are coloured, the tests do not.
+pub(crate) fn verdict(comparison: &Comparison) -> Verdict {
+    let names: Vec<&str> = comparison.candidates.iter().map(|c| c.name.as_str()).collect();
+    judged(&names, comparison.averaged.as_ref(), &comparison.edges, &comparison.nestings)
+}
+
+fn judged(names: &[&str], averaged: Option<&Averaged>, edges: &[Edge], nestings: &[Nesting]) -> Verdict {
+    let found = |settled: bool, sentence: String| Verdict { settled, sentence };
+    let leading = averaged.and_then(|averaged| {
+        let (k, weight) = averaged.weights.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1))?;
+        Some((*names.get(k)?, *weight, weighted_by(averaged)))
+    });
+    let Some((first, weight, by)) = leading else {
+        return found(false, "The costs of these results cannot be compared.".into());
+    };
+    let has = format!("{first} has {:.0} % of the weight, {by}", 100.0 * weight);
+    let sure = |e: &&Edge| e.advantage.as_ref().is_some_and(|a| a.p_value < SIGNIFICANT);
+    let better: Vec<&Edge> = edges.iter().filter(sure).filter(|e| e.other == first).collect();
+    if let Some(e) = better.first() {
+        let sentence =
+            format!("No result predicts everything best: {} predicts {} better than {first}; {has}.", e.best, e.output);
+        return found(false, sentence);
+    }
+    let beaten = |other: &str| edges.iter().filter(sure).any(|e| e.best == first && e.other == other);
+    let open: Vec<&str> = names.iter().copied().filter(|other| *other != first && !beaten(other)).collect();
+    if !edges.is_empty() {
+        return match &open[..] {
+            [] => found(
+                true,
+                format!(
+                    "{first} predicts better than the others, beyond chance; it has {:.0} % of the weight.",
+                    100.0 * weight
+                ),
+            ),
+            _ => found(false, format!("That {first} predicts better than {} could be chance; {has}.", open.join(", "))),
+        };
+    }
+    let p = |n: &Nesting| if n.p_value < 1e-3 { "p < 0.001".to_string() } else { format!("p = {:.3}", n.p_value) };
+    let tested = || nestings.iter().filter(|n| n.likelihood_ratio >= 0.0);
+    if let Some(n) = tested().find(|n| n.richer == first && n.p_value >= SIGNIFICANT) {
+        let sentence = format!("What {first} gains beside {} could be chance ({}); {has}.", n.poorer, p(n));
+        return found(false, sentence);
+    }
+    if let Some(n) = tested().find(|n| n.poorer == first && n.p_value < SIGNIFICANT) {
+        return found(
+            false,
+            format!("What {} gains beside {first} is more than chance ({}), and yet {has}.", n.richer, p(n)),
+        );
+    }
+    match tested().find(|n| n.richer == first) {
+        Some(n) => {
+            found(true, format!("What {first} gains beside {} is more than chance ({}); {has}.", n.poorer, p(n)))
+        }
+        None => found(weight >= DECIDED, format!("{has}.")),
+    }
 }
 
 /// What was assumed about the records: once where all results assume the same, by result otherwise.
@@ -236,6 +302,48 @@ pub(crate) fn edge(e: &Edge) -> String {
 mod tests {
     use super::*;
     use fdm_estimate::residuals::Advantage;
+
+    #[test]
+    fn a_weight_is_believed_where_a_test_bears_it_out() {
+        let advantage = Advantage { reduction: 0.25, error: 0.13, independent: 40.0, p_value: 0.052 };
+        let edge = |best: &str, other: &str, p_value: f64| Edge {
+            output: "y".into(),
+            best: best.into(),
+            other: other.into(),
+            advantage: Some(Advantage { p_value, ..advantage }),
+        };
+        let nesting = |p_value: f64| Nesting {
+            poorer: "a".into(),
+            richer: "b".into(),
+            further: 1,
+            likelihood_ratio: 3.0,
+            f: 3.0,
+            degrees: (1.0, 90.0),
+            p_value,
+        };
+        let said = |weights: [f64; 2], edges: Vec<Edge>, nestings: Vec<Nesting>| {
+            let by = if edges.is_empty() { WeightedBy::Criterion } else { WeightedBy::Validation };
+            let averaged = Averaged { by, weights: weights.to_vec(), parameters: Vec::new(), outputs: Vec::new() };
+            let found = judged(&["a", "b"], Some(&averaged), &edges, &nestings);
+            (found.settled, found.sentence)
+        };
+        let (settled, sentence) = said([0.999, 0.001], vec![edge("b", "a", 1e-4)], Vec::new());
+        assert!(
+            !settled && sentence.starts_with("No result predicts everything best: b predicts y better"),
+            "{sentence}"
+        );
+        let (settled, sentence) = said([0.001, 0.999], Vec::new(), vec![nesting(0.052)]);
+        assert!(!settled && sentence.starts_with("What b gains beside a could be chance (p = 0.052)"), "{sentence}");
+        assert!(said([0.001, 0.999], Vec::new(), vec![nesting(1e-5)]).0);
+        let (settled, sentence) = said([1.0, 0.0], vec![edge("a", "b", 0.052)], Vec::new());
+        assert!(
+            !settled && sentence.starts_with("That a predicts better than b could be chance; a has 100 %"),
+            "{sentence}"
+        );
+        assert!(said([1.0, 0.0], vec![edge("a", "b", 1e-4)], Vec::new()).0);
+        assert!(said([0.001, 0.999], Vec::new(), Vec::new()).0 && !said([0.4, 0.6], Vec::new(), Vec::new()).0);
+        assert!(!said([0.999, 0.001], Vec::new(), vec![nesting(1e-5)]).0);
+    }
 
     #[test]
     fn chance_is_called_chance() {

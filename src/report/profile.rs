@@ -14,17 +14,18 @@ pub fn profile_table(profiles: &[Profile]) -> String {
     [1, 2, 5, 6, 7].into_iter().for_each(|k| aligned_right(&mut table, k));
     for p in profiles {
         let half = p.reach();
-        let settled = digits_by_error(p.value, p.error, 3).unwrap_or(3);
+        let settled = if p.bound { 4 } else { digits_by_error(p.value, p.error, 3).unwrap_or(3) };
         let shown = |v: f64| digits(v, settled);
+        let by_error = |text: String| if p.bound { "-".to_string() } else { text };
         let [low, high] = p.ends;
         table.add_row([
             p.name.clone(),
             shown(p.value),
-            digits(p.error, 3),
-            format!("{} to {}", shown(p.value - half), shown(p.value + half)),
+            by_error(digits(p.error, 3)),
+            by_error(format!("{} to {}", shown(p.value - half), shown(p.value + half))),
             format!("{} to {}", told(low, settled), told(high, settled)),
-            format!("{:.2}", (p.value - low.value()) / half),
-            format!("{:.2}", (high.value() - p.value) / half),
+            by_error(format!("{:.2}", (p.value - low.value()) / half)),
+            by_error(format!("{:.2}", (high.value() - p.value) / half)),
             p.refits.to_string(),
             p.unit.clone().unwrap_or_default(),
         ]);
@@ -83,8 +84,11 @@ pub(crate) fn figure(k: usize, profile: &Profile) -> Figure {
     at.extend((0..=100).map(|k| (low + (high - low) * f64::from(k) / 100.0, None)));
     at.sort_by(|a, b| a.0.total_cmp(&b.0));
     let shown = |rise: f64| if rise <= top { rise } else { f64::NAN };
-    let parabola =
-        at.iter().map(|(v, _)| shown(profile.rise * ((v - profile.value) / profile.reach()).powi(2))).collect();
+    let parabola = if profile.bound {
+        vec![f64::NAN; at.len()]
+    } else {
+        at.iter().map(|(v, _)| shown(profile.rise * ((v - profile.value) / profile.reach()).powi(2))).collect()
+    };
     let cost = between(&at).into_iter().map(shown).collect();
     let marks = vec![
         Mark::line("parabola of the standard error", Look::Measured, parabola),

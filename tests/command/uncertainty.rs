@@ -167,6 +167,41 @@ fn draws_agree_with_the_fit_where_that_is_normal_and_arviz_reads_them() {
 }
 
 #[test]
+fn draws_are_as_wide_as_the_corrected_errors_where_residuals_are_coloured() {
+    let desk = Desk::with([("model.fdm", MODEL)]);
+    // the same motion in noise of first order, rho = 0.9
+    let (mut noise, mut e) = (Normal(8), 0.0);
+    let clean = record(1, 0.3, 600).replace('\r', "");
+    let rows = clean.lines().skip(1).map(|row| {
+        e = 0.9 * e + 0.19_f64.sqrt() * noise.next();
+        let (head, y) = row.rsplit_once(',').unwrap();
+        format!("{head},{}\n", y.parse::<f64>().unwrap() + 0.2 * e)
+    });
+    let rows: String = rows.collect();
+    desk.write("one.csv", format!("t [s],u,y\n{rows}"));
+    desk.good("fit model.fdm --data one.csv --zoh u --out result -q");
+    let fit = json(&desk.text("result/result.json"));
+    let words = "sample result --chains 2 --draws 250 --warmup 150 --seed 2 --json -q";
+    let (_, wide, said) = ran(&desk, &split(words));
+    assert!(said.contains("the likelihood is widened to the corrected errors"), "{said}");
+    let (_, white, said) = ran(&desk, &split(&format!("{words} --white")));
+    assert!(said.contains("draws take them for that"), "{said}");
+    let [wide, white] = [wide, white].map(|text| json(&text));
+    assert!(wide["widened"][1].as_f64().unwrap() > 1.5 && white["widened"].is_null(), "{}", wide["widened"]);
+    let deviation = |found: &Value, name: &str| {
+        let all = found["parameters"].as_array().unwrap();
+        all.iter().find(|p| p["name"] == name).unwrap()["deviation"].as_f64().unwrap()
+    };
+    for p in fit["parameters"].as_array().unwrap() {
+        let (name, corrected) = (p["name"].as_str().unwrap(), p["corrected_error"].as_f64().unwrap());
+        let cramer_rao = p["standard_error"].as_f64().unwrap();
+        assert!((deviation(&wide, name) / corrected - 1.0).abs() < 0.25, "{p} {}", wide["parameters"]);
+        assert!((deviation(&white, name) / cramer_rao - 1.0).abs() < 0.25, "{p} {}", white["parameters"]);
+    }
+    assert!(deviation(&wide, "noise y") > 1.5 * deviation(&white, "noise y"));
+}
+
+#[test]
 fn ranks_of_a_calibration_are_uniform_and_depend_on_the_seed_alone() {
     let desk = Desk::with([("model.fdm", MODEL)]);
     desk.write("one.csv", record(1, 0.3, 30));
@@ -257,4 +292,46 @@ fn the_terminal_tells_the_verdict_first_and_pages_show_responses() {
     assert!(desk.text("profile.html").contains("id=\"profile-1\""));
     desk.good("spectra model.fdm --data one.csv --report spectra.html -q");
     assert!(desk.text("spectra.html").contains("id=\"response-1\""));
+}
+
+#[test]
+fn the_best_models_of_a_diagnosis_are_averaged() {
+    let desk = Desk::with([("model.fdm", MODEL)]);
+    // what the model lacks is a lag of the actuator; one run is for validation
+    for (name, seed) in [("one", 1), ("two", 2), ("three", 3)] {
+        let mut noise = Normal(seed);
+        let (dt, mut x, mut v) = (0.05, 0.0_f64, 0.0_f64);
+        let mut rows = String::from("t [s],u,y\n");
+        for n in 0..200 {
+            let u = if (0.11 * f64::from(n) + seed as f64).sin() > 0.0 { 1.0 } else { -1.0 };
+            rows.push_str(&format!("{},{u},{}\n", dt * f64::from(n), x + 0.1 + 0.03 * noise.next()));
+            // the lag, in fifty steps
+            let (k, a) = (2.0, 5.0_f64);
+            for _ in 0..50 {
+                v += dt / 50.0 * a * (u - v);
+                x += dt / 50.0 * (3.0 * v - k * x);
+            }
+        }
+        desk.write(&format!("{name}.csv"), rows);
+    }
+    let words = "diagnose model.fdm --data one.csv --data two.csv --validation three.csv --zoh u --only actuator_lag --only input_delay --out diagnosis -q";
+    desk.good(words);
+    let front = json(&desk.text("diagnosis/diagnosis.json"))["front"].as_array().unwrap().len();
+    assert!(front >= 2, "{front}");
+    let found = json(&desk.good("compare diagnosis --json -q --report page.html"));
+    let candidates = found["candidates"].as_array().unwrap();
+    assert!(candidates.len() >= front && candidates[0]["name"] != candidates[1]["name"], "{candidates:?}");
+    let averaged = &found["averaged"];
+    assert_eq!(averaged["by"], "validation", "{averaged}");
+    let weights: Vec<f64> = averaged["weights"].as_array().unwrap().iter().filter_map(Value::as_f64).collect();
+    // the model as it was given has none
+    let given = candidates.iter().position(|c| c["name"] == "as given").unwrap();
+    assert!(weights[given] < 0.01 && (weights.iter().sum::<f64>() - 1.0).abs() < 1e-9, "{weights:?}");
+    let k = averaged["parameters"].as_array().unwrap().iter().find(|p| p["name"] == "k").unwrap();
+    let [low, high] = [0, 1].map(|end| k["interval"][end].as_f64().unwrap());
+    assert!(low < 2.0 && 2.0 < high, "{k}");
+    assert!(!averaged["outputs"].as_array().unwrap().is_empty(), "{averaged}");
+    let text = desk.good("compare diagnosis -q");
+    assert!(text.lines().next().unwrap().contains("predict"), "{text}");
+    assert!(desk.refused("compare diagnosis/../diagnosis --effects nothing.fdm").contains("nothing.fdm"));
 }

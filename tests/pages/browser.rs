@@ -40,8 +40,14 @@ fn fdm(desk: &Desk, words: &[&str]) {
 
 /// What the steps say of `report.html`, and what the browser complained of.
 fn look(desk: &Desk, size: (u32, u32), steps: &str) -> (Value, String) {
+    look_at(desk, "report", size, steps)
+}
+
+/// The same of another page.
+fn look_at(desk: &Desk, page: &str, size: (u32, u32), steps: &str) -> (Value, String) {
+    let text = HARNESS.replace("report.html", &format!("{page}.html"));
     let text =
-        HARNESS.replace("WIDTH", &size.0.to_string()).replace("HEIGHT", &size.1.to_string()).replace("STEPS", steps);
+        text.replace("WIDTH", &size.0.to_string()).replace("HEIGHT", &size.1.to_string()).replace("STEPS", steps);
     desk.write("harness.html", text);
     let profile = tempfile::tempdir().unwrap();
     let output = Command::new(browser())
@@ -322,4 +328,88 @@ fn a_study_with_its_figures_fits_on_a_phone_and_tells_names() {
     assert!(told(0).starts_with("k, ") && (told(0).contains("corrected = ") || told(0).contains("Rao = ")), "{found}");
     assert!(told(1).contains("estimates = ") && told(1).contains("normal = "), "{found}");
     assert!(found["columns"].as_f64().unwrap() > 200.0, "{found}");
+}
+
+/// What every page must be: figures that the keyboard reaches and that say what they are, tables whose heads are heads, no request, nothing wider than the
+/// window; and what the crosshair of the first figure tells at a key.
+const CALM: &str = "await wait(300);
+  const figures = [...page.querySelectorAll('figure.plot svg')];
+  const named = (e) => (e.getAttribute('aria-label') ?? e.querySelector('title')?.textContent ?? '').length > 0;
+  const told = [];
+  if (figures.length > 0) {
+    const svg = await drawn(figures.find((f) => f.checkVisibility()) ?? figures[0]);
+    svg.focus();
+    act(svg, 'keydown', 0, 0, { key: 'ArrowLeft' });
+    told.push(page.activeElement === svg, svg.closest('figure').querySelector('output').textContent);
+  }
+  const levels = [...page.querySelectorAll('h1, h2, h3, h4')].map((h) => Number(h.tagName[1]));
+  const wide = [...page.querySelectorAll('body *')].filter((e) => !e.closest('.scroll, .equations, pre, svg')
+    && e.getBoundingClientRect().right > view.innerWidth + 1);
+  const links = [...page.querySelectorAll('a[href^=\"#\"]')].map((a) => a.getAttribute('href').slice(1)).filter((id) => !page.getElementById(id));
+  const ids = [...page.querySelectorAll('[id]')].map((e) => e.id);
+  return {
+    language: page.documentElement.lang, title: page.title, heads: page.querySelectorAll('h1').length, mains: page.querySelectorAll('main').length,
+    jumps: levels.filter((l, k) => k > 0 && l > levels[k - 1] + 1).length,
+    figures: figures.length, unnamed: figures.filter((f) => !named(f) || f.getAttribute('role') !== 'img').map((f) => f.outerHTML.slice(0, 200)),
+    unreached: figures.filter((f) => f.tabIndex !== 0).length,
+    heads_without: [...page.querySelectorAll('table')].filter((t) => t.querySelectorAll('th').length === 0).length,
+    status: page.querySelectorAll('[role=status]').length,
+    requests: view.performance.getEntriesByType('resource').map((e) => e.name).filter((n) => !n.startsWith('data:')),
+    told, links, twice: ids.filter((id, k) => ids.indexOf(id) !== k), width: page.documentElement.scrollWidth, wide: wide.map((e) => e.outerHTML.slice(0, 200)),
+  };";
+
+/// Sheets of paper that a page is printed on.
+fn sheets(desk: &Desk, page: &str) -> usize {
+    let profile = tempfile::tempdir().unwrap();
+    let file = desk.path("printed.pdf");
+    let output = Command::new(browser())
+        .args(["--headless", "--no-sandbox", "--disable-gpu", "--timeout=60000"])
+        .arg(format!("--user-data-dir={}", profile.path().display()))
+        .arg(format!("--print-to-pdf={}", file.display()))
+        .arg(format!("file://{}", desk.path(&format!("{page}.html")).display()))
+        .output()
+        .unwrap();
+    let pdf = fs::read(&file).unwrap_or_else(|_| panic!("{}", String::from_utf8_lossy(&output.stderr)));
+    fs::remove_file(&file).unwrap();
+    let text = String::from_utf8_lossy(&pdf);
+    text.split("/Type /Page").skip(1).filter(|rest| !rest.starts_with('s')).count()
+}
+
+#[cfg(unix)]
+#[test]
+#[ignore = "needs Chromium"]
+fn every_kind_of_page_is_calm_reached_by_keys_and_printed_on_few_sheets() {
+    let desk = crate::kinds::made();
+    let mut wrong = Vec::new();
+    for (name, _) in crate::kinds::PAGES {
+        for size in [(1280, 900), (390, 844)] {
+            let (found, console) = look_at(&desk, name, size, CALM);
+            let mut check = |good: bool, what: &str| {
+                if !good {
+                    wrong.push(format!("{name} {}: {what}: {found}", size.0));
+                }
+            };
+            check(console.is_empty(), &console);
+            check(found["failed"].is_null(), "the steps failed");
+            check(
+                found["language"] == "en" && found["title"].as_str().is_some_and(|t| !t.is_empty()),
+                "language, title",
+            );
+            check(found["heads"] == 1 && found["mains"] == 1 && found["status"] == 1 && found["jumps"] == 0, "outline");
+            check(found["unnamed"] == json!([]) && found["unreached"] == 0, "figures");
+            check(found["figures"] == 0 || (found["told"][0] == true && found["told"][1] != ""), "keys");
+            check(
+                found["heads_without"] == 0 && found["links"] == json!([]) && found["twice"] == json!([]),
+                "tables, links",
+            );
+            check(found["requests"] == json!([]), "requests");
+            check(found["width"].as_u64().is_some_and(|w| w <= size.0.into()) && found["wide"] == json!([]), "width");
+        }
+        let (sheets, bytes) = (sheets(&desk, name), fs::metadata(desk.path(&format!("{name}.html"))).unwrap().len());
+        println!("{name}: {sheets} sheets, {bytes} bytes");
+        if !(1..=12).contains(&sheets) || bytes >= 4_000_000 {
+            wrong.push(format!("{name}: {sheets} sheets, {bytes} bytes"));
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }

@@ -4,6 +4,8 @@
 
 mod browser;
 mod dots;
+#[cfg(unix)]
+mod kinds;
 mod pictures;
 mod pixels;
 mod report;

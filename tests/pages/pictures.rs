@@ -1,36 +1,23 @@
-//! The pictures of docs/reference/page.md: pages in a browser, light and dark, on a desk and on a phone.
+//! The pictures of docs/reference/page.md: pages in a browser, light and dark, on a desk and on a phone, and as they are printed.
 //!
 //! Needs Chromium and writes docs/pictures; `cargo test -p fdm-tests --test pages pictures -- --ignored` makes them anew.
 #![cfg(unix)]
 
 use crate::browser::browser;
+use crate::kinds::{PAGES, made};
 use crate::pixels::Pixels;
 use std::fs;
 use std::process::Command;
 use support::Desk;
 
-/// Results that pages are made from.
-const RESULTS: [&str; 1] = ["fit models/lynx_hare/model.fdm --data models/lynx_hare/run.csv --out lynx"];
-/// Name, and the command that makes the page.
-const PAGES: [(&str, &str); 5] = [
-    ("posterior", "sample lynx --chains 4 --draws 500 --warmup 300"),
-    ("profile", "profile models/lynx_hare/model.fdm --data models/lynx_hare/run.csv"),
-    ("fit", "fit models/trex550/coupled.fdm --data models/trex550/first_half.csv"),
-    (
-        "diagnosis",
-        "diagnose models/ship_roll_decay/linear.fdm --data models/ship_roll_decay/run.csv --every 8 --only cubic_stiffness --only quadratic_damping",
-    ),
-    (
-        "study",
-        "study models/ship_roll_decay/model.fdm --data models/ship_roll_decay/run.csv --every 16 --repeats 100 --noise-colour fitted",
-    ),
-];
 /// Name, width and height of the window, and pixels of the picture for each of its own.
-const WINDOWS: [(&str, u32, u32, f32); 2] = [("desktop", 1280, 1900, 0.6), ("phone", 390, 1500, 0.8)];
+const WINDOWS: [(&str, u32, u32, f32); 2] = [("desktop", 1280, 1900, 0.5), ("phone", 390, 1300, 0.7)];
+/// A sheet of A4 between its margins.
+const SHEET: (u32, u32, f32) = (718, 1040, 0.6);
 /// The colour of the page.
 const PAPERS: [(&str, [u8; 3]); 2] = [("light", [255, 255, 255]), ("dark", [0x14, 0x17, 0x1a])];
 /// Bytes of all pictures together.
-const MOST: u64 = 2_500_000;
+const MOST: u64 = 3_000_000;
 /// The page in a window that no browser makes so narrow. This document is loaded, and seen, when the figures in view are drawn.
 const HARNESS: &str = "<!doctype html><meta charset=\"utf-8\"><style>body { margin: 0; } iframe { border: 0; display: block; }</style>
 <iframe id=\"page\" src=\"PAGE.html\" width=\"WIDTH\" height=\"HEIGHT\"></iframe><iframe id=\"hold\" hidden></iframe>
@@ -75,32 +62,31 @@ fn seen(desk: &Desk, page: &str, theme: &str, (width, height, scale): (u32, u32,
 
 #[test]
 #[ignore = "needs Chromium, and writes docs/pictures"]
-fn pages_are_seen_light_and_dark_on_a_desk_and_on_a_phone() {
+fn pages_are_seen_light_and_dark_on_a_desk_on_a_phone_and_on_paper() {
     let here = support::repository();
-    let desk = Desk::new();
-    // names of files on the pages are those of the documentation
-    std::os::unix::fs::symlink(here.join("models"), desk.path("models")).unwrap();
-    let run = |words: &str, more: &[&str]| {
-        let mut command = support::fdm();
-        let output = command.args(words.split(' ')).arg("-q").args(more).current_dir(desk.folder()).output().unwrap();
-        assert!(matches!(output.status.code(), Some(0 | 1)), "{words}: {}", String::from_utf8_lossy(&output.stderr));
-    };
-    RESULTS.iter().for_each(|words| run(words, &[]));
+    let desk = made();
     let mut sum = 0;
-    for (name, words) in PAGES {
-        run(words, &["--report", &format!("{name}.html")]);
+    let mut drawn = |file: String, picture: &Pixels, paper: [u8; 3]| {
+        assert_eq!(picture.at(1, 1), paper, "{file}");
+        let inked = picture.all().filter(|p| *p != paper).count();
+        let share = inked as f32 / (picture.width * picture.height) as f32;
+        assert!(share > 0.03, "{file}: {share} of it is not paper");
+        let file = here.join(format!("docs/pictures/{file}.png"));
+        picture.write(&file);
+        sum += fs::metadata(&file).unwrap().len();
+    };
+    for (name, _) in PAGES {
         for (window, width, height, scale) in WINDOWS {
             for (theme, paper) in PAPERS {
                 let picture = seen(&desk, name, theme, (width, height, scale));
-                assert_eq!(picture.at(1, 1), paper, "{name} {window} {theme}");
-                let inked = picture.all().filter(|p| *p != paper).count();
-                let share = inked as f32 / (picture.width * picture.height) as f32;
-                assert!(share > 0.05, "{name} {window} {theme}: {share} of it is not paper");
-                let file = here.join(format!("docs/pictures/{name}_{window}_{theme}.png"));
-                picture.write(&file);
-                sum += fs::metadata(&file).unwrap().len();
+                drawn(format!("{name}_{window}_{theme}"), &picture, paper);
             }
         }
+        // what is for paper only, on a screen as wide as the sheet
+        let page = desk.text(&format!("{name}.html"));
+        assert_eq!(page.matches("@media print").count(), 1);
+        desk.write("sheet.html", page.replace("@media print", "@media all"));
+        drawn(format!("{name}_print"), &seen(&desk, "sheet", "light", SHEET), PAPERS[0].1);
     }
     assert!(sum < MOST, "{sum} bytes");
 }

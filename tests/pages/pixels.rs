@@ -1,5 +1,6 @@
 //! Pictures as pixels.
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
@@ -38,13 +39,22 @@ impl Pixels {
         Self { width, height, colours: rows.flat_map(|row| row[..width].iter().copied()).collect() }
     }
 
-    /// As a PNG file.
+    /// As a PNG file of the 256 colours that are seen most, each pixel the nearest of them.
     pub(crate) fn write(&self, path: &Path) {
+        let mut seen: BTreeMap<[u8; 3], usize> = BTreeMap::new();
+        self.colours.iter().for_each(|c| *seen.entry(*c).or_default() += 1);
+        let mut palette: Vec<([u8; 3], usize)> = seen.iter().map(|(c, n)| (*c, *n)).collect();
+        palette.sort_by_key(|(colour, count)| (std::cmp::Reverse(*count), *colour));
+        palette.truncate(256);
+        let off = |a: [u8; 3], b: [u8; 3]| a.iter().zip(b).map(|(a, b)| u32::from(a.abs_diff(b)).pow(2)).sum::<u32>();
+        let nearest = |c: &[u8; 3]| (0..palette.len()).min_by_key(|k| off(palette[*k].0, *c)).unwrap_or(0) as u8;
+        let places: BTreeMap<[u8; 3], u8> = seen.keys().map(|c| (*c, nearest(c))).collect();
         let mut encoder = png::Encoder::new(File::create(path).unwrap(), self.width as u32, self.height as u32);
-        encoder.set_color(png::ColorType::Rgb);
+        encoder.set_color(png::ColorType::Indexed);
         encoder.set_depth(png::BitDepth::Eight);
+        encoder.set_palette(palette.iter().flat_map(|(c, _)| *c).collect::<Vec<u8>>());
         encoder.set_compression(png::Compression::High);
-        let bytes: Vec<u8> = self.colours.iter().flatten().copied().collect();
+        let bytes: Vec<u8> = self.colours.iter().map(|c| places[c]).collect();
         encoder.write_header().unwrap().write_image_data(&bytes).unwrap();
     }
 }

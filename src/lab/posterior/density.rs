@@ -6,6 +6,7 @@
 #![allow(clippy::needless_range_loop, reason = "outputs of a sample are indexed alike")]
 
 use super::coordinates::{Free, Freed, Units};
+use super::correction::{CorrectedErrors, Correction, Known};
 use super::nuts::Density;
 use crate::study::reached;
 use fdm_estimate::{DerivedQuantities, Fit, Noise as Deviations};
@@ -73,6 +74,8 @@ pub struct Posterior {
     derived_per_run: Vec<bool>,
     /// Coordinates of the start.
     start: Vec<f64>,
+    /// How the likelihood is widened; none where its noise is what it takes it for.
+    correction: Option<Correction>,
 }
 
 /// What a posterior is made of.
@@ -150,7 +153,71 @@ impl Posterior {
         let each = |run: usize| derived_per_run.iter().enumerate().filter(move |(_, own)| **own || run == 0);
         let derived = (0..runs.len()).flat_map(|run| each(run).map(move |(k, _)| (k, run))).collect();
         let owner = (0..runs.len()).collect();
-        Ok(Self { model: with, runs, owner, steps, unknowns, theta, noise: kinds, derived, derived_per_run, start })
+        Ok(Self {
+            model: with,
+            runs,
+            owner,
+            steps,
+            unknowns,
+            theta,
+            noise: kinds,
+            derived,
+            derived_per_run,
+            start,
+            correction: None,
+        })
+    }
+
+    /// The same with the likelihood widened about the start, until its curvature is that of these errors; the same as it was where that cannot be.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn corrected(mut self, errors: &CorrectedErrors) -> Result<Self, Unsuited> {
+        let definition = self.model.definition();
+        let place = |unknown: &Unknown| match unknown.kind {
+            Kind::Param(k, run) => {
+                let (name, run) = (&definition.params[k].quantity.name, run.map(|r| self.runs[r].name.as_str()));
+                errors.parameters.iter().position(|(own, of)| own == name && of.as_deref() == run)
+            }
+            Kind::Deviation(_) => None,
+        };
+        let known: Vec<Option<usize>> = self.unknowns.iter().map(place).collect();
+        let places: Vec<usize> = (0..known.len()).filter(|g| known[*g].is_some()).collect();
+        let rows: Vec<usize> = known.iter().flatten().copied().collect();
+        let n = errors.parameters.len();
+        let covariance: Vec<f64> =
+            rows.iter().flat_map(|a| rows.iter().map(move |b| errors.covariance[a * n + b])).collect();
+        let deviation = |(g, unknown): (usize, &Unknown)| match unknown.kind {
+            Kind::Deviation(o) => {
+                let name = &definition.outputs[o].quantity.name;
+                Some((g, errors.squares.iter().find(|(own, _)| own == name)?.1))
+            }
+            Kind::Param(..) => None,
+        };
+        let deviations: Vec<(usize, f64)> = self.unknowns.iter().enumerate().filter_map(deviation).collect();
+        let freed: Vec<Freed> = self.unknowns.iter().zip(&self.start).map(|(u, at)| u.free.at(*at)).collect();
+        let slopes: Vec<f64> = freed.iter().map(|f| f.slope).collect();
+        let prior = |(unknown, freed): (&Unknown, &Freed)| {
+            unknown.prior.map_or((0.0, 0.0), |p| (1.0 / (p.deviation * p.deviation), freed.value - p.mean))
+        };
+        let priors: Vec<(f64, f64)> = self.unknowns.iter().zip(&freed).map(prior).collect();
+        let fisher = self.evaluator()?.fisher(&self.start);
+        let Some(fisher) = fisher else { return Ok(self) };
+        self.correction = Correction::of(&Known {
+            centre: &self.start,
+            slopes: &slopes,
+            fisher: &fisher,
+            priors: &priors,
+            places: &places,
+            covariance: &covariance,
+            deviations: &deviations,
+        });
+        Ok(self)
+    }
+
+    /// By how much the likelihood was widened, as factors of a deviation: in the direction of the least, and in that of the most. None where it was not.
+    pub fn widened(&self) -> Option<[f64; 2]> {
+        self.correction.as_ref().map(|c| c.factors)
     }
 
     /// That of a fit of these runs by output error; noise is known as far as it was given.
@@ -175,8 +242,8 @@ impl Posterior {
         Self::new(Given { model: &fit.model, runs: runs.to_vec(), steps, theta, noise })
     }
 
-    /// The posterior of these runs and of replicates: the same runs as the model at coordinates u and its noise would have measured them. None where
-    /// the response diverges.
+    /// The posterior of these runs and of replicates: the same runs as the model at coordinates u and its noise would have measured them. Noise is
+    /// independent in replicates, so that nothing is widened. None where the response diverges.
     pub(super) fn replicated(&self, u: &[f64], stream: &mut Stream) -> Result<Option<Self>, Unsuited> {
         let mut evaluator = self.evaluator()?;
         let (mut y, mut deviation) = (Vec::new(), Vec::new());
@@ -202,6 +269,7 @@ impl Posterior {
             derived: self.derived.clone(),
             derived_per_run: self.derived_per_run.clone(),
             start: self.start.clone(),
+            correction: None,
         }))
     }
 
@@ -309,6 +377,7 @@ impl Posterior {
             theta: self.theta.clone(),
             freed: vec![Freed::default(); n],
             by_value: vec![0.0; n],
+            place: vec![0.0; n],
         })
     }
 }
@@ -324,6 +393,8 @@ pub(super) struct Evaluator<'p> {
     freed: Vec<Freed>,
     /// Gradient by parameters and logarithms of deviations.
     by_value: Vec<f64>,
+    /// Coordinates at which the likelihood is taken.
+    place: Vec<f64>,
 }
 
 /// Half of the logarithm of two pi.
@@ -344,10 +415,16 @@ impl Evaluator<'_> {
 
     /// Logarithm of the density at coordinates u, and its gradient.
     pub(super) fn log_density(&mut self, u: &[f64], gradient: &mut [f64]) -> f64 {
-        self.take(u);
+        let posterior = self.posterior;
+        let mut place = std::mem::take(&mut self.place);
+        match &posterior.correction {
+            Some(correction) => correction.place(u, &mut place),
+            None => place.copy_from_slice(u),
+        }
+        self.take(&place);
+        self.place = place;
         self.by_value.fill(0.0);
         let mut sum = 0.0;
-        let posterior = self.posterior;
         for r in 0..posterior.runs.len() {
             let (run, noise) = (&posterior.runs[r], &posterior.noise);
             let (owners, by_value, freed) = (&self.owners[r], &mut self.by_value, &self.freed);
@@ -399,6 +476,14 @@ impl Evaluator<'_> {
             }
             sum += part;
         }
+        if let Some(correction) = &posterior.correction {
+            self.by_value.iter_mut().zip(&self.freed).for_each(|(g, freed)| *g *= freed.slope);
+            sum = correction.widen(u, sum, &self.by_value, gradient);
+            // priors and bounds are those of the place that is asked for
+            self.take(u);
+            let by_value = self.by_value.iter_mut().zip(&*gradient).zip(&self.freed);
+            by_value.for_each(|((to, g), freed)| *to = g / freed.slope);
+        }
         for (g, unknown) in posterior.unknowns.iter().enumerate() {
             let Freed { value, slope, log_jacobian, jacobian_slope } = self.freed[g];
             if let Some(Prior { mean, deviation }) = unknown.prior {
@@ -412,8 +497,8 @@ impl Evaluator<'_> {
         if gradient.iter().all(|g| g.is_finite()) { sum } else { f64::NEG_INFINITY }
     }
 
-    /// The information about the coordinates at u (n by n): of the residuals, of the noise, of priors and bounds.
-    pub(super) fn information(&mut self, u: &[f64]) -> Option<Vec<f64>> {
+    /// The information of the likelihood about parameters and logarithms of deviations at coordinates u (n by n).
+    pub(super) fn fisher(&mut self, u: &[f64]) -> Option<Vec<f64>> {
         self.take(u);
         let posterior = self.posterior;
         let n = posterior.unknowns.len();
@@ -433,10 +518,10 @@ impl Evaluator<'_> {
                             let row = block.row(s, place);
                             for (a, x) in own.iter().zip(row).filter(|(_, x)| **x != 0.0) {
                                 let g = owners[*a as usize];
-                                let left = weight * x * freed[g].slope;
+                                let left = weight * x;
                                 for (b, y) in own.iter().zip(row) {
                                     let h = owners[*b as usize];
-                                    matrix[g * n + h] += left * y * freed[h].slope;
+                                    matrix[g * n + h] += left * y;
                                 }
                             }
                         };
@@ -456,6 +541,20 @@ impl Evaluator<'_> {
                 }
             };
             self.simulators[r].stream(&self.theta[r], &self.columns[r], &mut sink).ok()?;
+        }
+        matrix.iter().all(|v| v.is_finite()).then_some(matrix)
+    }
+
+    /// The information about the coordinates at the start (n by n): of residuals and noise, of priors and bounds.
+    pub(super) fn information(&mut self) -> Option<Vec<f64>> {
+        let posterior = self.posterior;
+        let n = posterior.unknowns.len();
+        let mut matrix = self.fisher(&posterior.start)?;
+        for k in 0..n * n {
+            matrix[k] *= self.freed[k / n].slope * self.freed[k % n].slope;
+        }
+        if let Some(correction) = &posterior.correction {
+            matrix = correction.information(&matrix);
         }
         for (g, unknown) in posterior.unknowns.iter().enumerate() {
             let Freed { slope, jacobian_slope, .. } = self.freed[g];

@@ -1,7 +1,7 @@
 //! What is known after a fit beyond its estimates: bands of predictions ([`Predicted`]), and draws from the posterior ([`sample`]).
 //!
 //! **In** a model, runs, estimates. **Out** [`Bands`]; [`Samples`] with their diagnostics. **Never** estimates. The sampler: `nuts` moves in the units of
-//! `coordinates`, whose density is that of `density`; `sample` runs several chains, `convergence` judges them, `calibration` the sampler itself.
+//! `coordinates`, whose density is that of `density`, widened by `correction` where residuals are coloured; `sample` runs several chains, `convergence` judges them, `calibration` the sampler itself.
 
 mod bands;
 #[cfg(test)]
@@ -9,6 +9,7 @@ mod bands_tests;
 mod calibration;
 mod convergence;
 mod coordinates;
+mod correction;
 mod density;
 mod nuts;
 mod sample;
@@ -17,5 +18,6 @@ mod tests;
 
 pub use bands::{BandError, Bands, Errors, Predicted};
 pub use calibration::{Calibration, Ranks, calibrated};
+pub use correction::CorrectedErrors;
 pub use density::{Given, Posterior, SampledName};
 pub use sample::{Chain, SampleError, Samples, Sampling, sample};

@@ -87,7 +87,7 @@ pub fn sample(
     if !evaluator.log_density(&start, &mut gradient).is_finite() {
         return Err(SampleError::NotFinite);
     }
-    let information = evaluator.information(&start);
+    let information = evaluator.information();
     drop(evaluator);
     let units = information.and_then(|matrix| Units::of_information(start.clone(), &matrix));
     let identity: Vec<f64> = (0..n * n).map(|k| if k % (n + 1) == 0 { 1.0 } else { 0.0 }).collect();

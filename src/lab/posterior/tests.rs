@@ -1,7 +1,9 @@
 //! The sampler against laws that are known in closed form, its gradients against differences.
 
-use super::{Given, Posterior, Samples, Sampling, sample};
+use super::{CorrectedErrors, Given, Posterior, Samples, Sampling, sample};
+use fdm_estimate::{FitOptions, Noise, fit};
 use fdm_numeric::random::Stream;
+use fdm_results::documents::FitDocument;
 use fdm_system::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::Steps;
@@ -58,9 +60,26 @@ fn gradients_are_those_of_the_density() {
     let steps = vec![Steps::from(4); 2];
     let noise = vec![(0.4, false), (f64::NAN, false)];
     let posterior = Posterior::new(Given { model: &model, runs, steps, theta: vec![theta; 2], noise }).unwrap();
-    let n = posterior.unknowns();
     // a, k, s, c; x(0) and b of two runs; the noise of y
-    assert_eq!(n, 9, "{:?}", posterior.names());
+    assert_eq!(posterior.unknowns(), 9, "{:?}", posterior.names());
+    gradients_are_right(&posterior);
+    // so too where the likelihood is widened, in some directions more than in others
+    let names = [("a", None), ("k", None), ("s", None), ("b", Some("r1"))];
+    let unit = [0.4, 0.3, 0.5, 0.6];
+    let correlated = |i: usize, j: usize| if i == j { 1.0 } else { 0.3 - 0.2 * (i + j) as f64 / 6.0 };
+    let errors = CorrectedErrors {
+        parameters: names.map(|(name, run)| (name.to_string(), run.map(str::to_string))).to_vec(),
+        covariance: (0..16).map(|k| correlated(k / 4, k % 4) * unit[k / 4] * unit[k % 4]).collect(),
+        squares: vec![("y".into(), 7.0)],
+    };
+    let widened = posterior.corrected(&errors).unwrap();
+    let [least, most] = widened.widened().unwrap();
+    assert!(least > 0.0 && most > 1.5 * least, "{least} {most}");
+    gradients_are_right(&widened);
+}
+
+fn gradients_are_right(posterior: &Posterior) {
+    let n = posterior.unknowns();
     let mut evaluator = posterior.evaluator().unwrap();
     let mut u = posterior.start().to_vec();
     u.iter_mut().enumerate().for_each(|(k, u)| *u += 0.05 * (k as f64 - 4.0));
@@ -80,7 +99,7 @@ fn gradients_are_those_of_the_density() {
             gradient[k]
         );
     }
-    let information = evaluator.information(&u).unwrap();
+    let information = evaluator.information().unwrap();
     assert!((0..n).all(|k| information[k * n + k] > 0.0));
 }
 
@@ -184,4 +203,73 @@ fn a_bent_posterior_is_walked_through() {
     let bands = samples.predict(&posterior, 400, 1).unwrap();
     let half = 0.5 * (bands[0].measurement[2][0].unwrap() - bands[0].measurement[0][0].unwrap());
     assert!((0.4..0.8).contains(&half), "{half}");
+}
+
+/// x' = -2 x + 3 u under a square wave, with a bias, in noise of first order.
+fn coloured_run(model: &Model, seed: u64, rho: f64) -> Run {
+    let (dt, mut x) = (0.05_f64, 0.0);
+    let mut stream = Stream::named(seed, &["coloured"]);
+    let mut e = stream.normal();
+    let (mut time, mut u, mut y) = (Vec::new(), Vec::new(), Vec::new());
+    for k in 0..500 {
+        let input = if (0.06 * f64::from(k)).sin() > 0.0 { 1.0 } else { -1.0 };
+        time.push(dt * f64::from(k));
+        u.push(input);
+        y.push(x + 0.3 + 0.1 * e);
+        x = (x - 1.5 * input) * (-2.0 * dt).exp() + 1.5 * input;
+        e = rho * e + (1.0 - rho * rho).sqrt() * stream.normal();
+    }
+    model.run("r").times(time).samples("u", u).samples("y", y).zero_order_hold("u").build().unwrap()
+}
+
+#[test]
+fn draws_scatter_as_repeated_fits_do_where_noise_is_coloured() {
+    let model = Model::from_text(
+        "m",
+        "model m { input u; state x = 0; param k = 1 in [0, 50], g = 1, b = 0; der(x) = -k*x + g*u; output y = x + b; }",
+    )
+    .unwrap();
+    let fitted = |seed: u64| {
+        let runs = [coloured_run(&model, seed, 0.9)];
+        let found = fit(&model, &runs, &FitOptions::default(), &mut ()).unwrap();
+        assert!(found.is_good());
+        (runs, found)
+    };
+    let repeats = 80;
+    let values: Vec<Vec<f64>> =
+        (0..repeats).map(|k| fitted(100 + k).1.estimate.parameters.iter().map(|p| p.value).collect()).collect();
+    let scatter = |k: usize| {
+        let mean = values.iter().map(|v| v[k]).sum::<f64>() / repeats as f64;
+        (values.iter().map(|v| (v[k] - mean).powi(2)).sum::<f64>() / (repeats - 1) as f64).sqrt()
+    };
+    let sampling = Sampling { chains: 2, draws: 250, warmup: 150, ..SAMPLING };
+    let (mut white, mut wide) = ([0.0; 3], [0.0; 3]);
+    let records = 4;
+    for record in 0..records {
+        let (runs, found) = fitted(record);
+        let errors = CorrectedErrors::of(&FitDocument::of(&found)).unwrap();
+        let posterior = Posterior::of_fit(&found, &runs, &Noise::default()).unwrap();
+        let narrow = sample(&posterior, &sampling, &|| true).unwrap().parameters();
+        let drawn = sample(&posterior.corrected(&errors).unwrap(), &sampling, &|| true).unwrap().parameters();
+        for k in 0..3 {
+            white[k] += narrow[k].deviation.powi(2) / records as f64;
+            wide[k] += drawn[k].deviation.powi(2) / records as f64;
+            let own = found.estimate.parameters[k].corrected_error.unwrap();
+            assert!(
+                (drawn[k].deviation / own - 1.0).abs() < 0.25,
+                "{}: {} beside {own}",
+                drawn[k].name,
+                drawn[k].deviation
+            );
+        }
+        // the noise of 500 values that hold as much as some fifty
+        let [few, many] = [&narrow, &drawn].map(|p| p[3].deviation);
+        assert!(many > 2.0 * few, "{many} {few}");
+    }
+    for k in 0..3 {
+        // the scatter of 80 fits is known to 8 %, a corrected error to a quarter, the mean of four to an eighth
+        let [ratio, before] = [wide[k], white[k]].map(|v| v.sqrt() / scatter(k));
+        assert!((0.65..1.4).contains(&ratio), "{k}: draws over scatter {ratio:.2}, taken for white {before:.2}");
+    }
+    assert!(white[2].sqrt() < 0.5 * scatter(2), "{white:?}");
 }

@@ -22,6 +22,10 @@ const BETWEEN: usize = 4;
 const NEAR: f64 = 0.01;
 /// Errors from the estimate beyond which an interval counts as open.
 const FAR: f64 = 200.0;
+/// Part of the wanted rise by which a nearer value may cost more than a farther one, before it is fitted again from there.
+const FALLS: f64 = 1e-3;
+/// Searches for an end, where a refit has shown that it lies elsewhere.
+const ROUNDS: usize = 3;
 
 /// A fit whose parameters are to be profiled.
 pub struct Profiler<'a> {
@@ -29,6 +33,7 @@ pub struct Profiler<'a> {
     runs: &'a [Run],
     options: FitOptions,
     starts: Vec<Vec<f64>>,
+    rise: Option<f64>,
     goes_on: &'a (dyn Fn() -> bool + Sync),
 }
 
@@ -70,13 +75,46 @@ struct Wanted<'a> {
     factor: f64,
     /// What the cost may rise.
     rise: f64,
+    /// Whether it is moved by its logarithm, as it is searched.
+    logarithmic: bool,
+    /// Whether the estimate stands at its bound.
+    bound: bool,
+}
+
+impl Wanted<'_> {
+    /// The value so many errors from the estimate on a side (its sign).
+    fn value(&self, sign: f64, at: f64) -> f64 {
+        let value = self.parameter.value;
+        match self.logarithmic {
+            true => value * (sign * at * self.error / value).exp(),
+            false => value + sign * at * self.error,
+        }
+    }
+
+    /// How many errors a value is from the estimate.
+    fn at(&self, value: f64) -> f64 {
+        let own = self.parameter.value;
+        match self.logarithmic {
+            true => ((value / own).ln() * own / self.error).abs(),
+            false => ((value - own) / self.error).abs(),
+        }
+    }
 }
 
 /// What a refit found.
 struct Refit {
+    /// Errors from the estimate.
+    at: f64,
+    value: f64,
     rise: f64,
     starts: Vec<Vec<f64>>,
     others: Vec<(String, f64)>,
+}
+
+impl Refit {
+    fn root(&self) -> f64 {
+        self.rise.max(0.0).sqrt()
+    }
 }
 
 impl<'a> Profiler<'a> {
@@ -107,7 +145,14 @@ impl<'a> Profiler<'a> {
         .with_declared_noise(&fit.model);
         options.options.colour = false;
         let starts = reached(&fit.model, runs, &fit.estimate);
-        Ok(Self { fit, runs, options, starts, goes_on })
+        Ok(Self { fit, runs, options, starts, rise: None, goes_on })
+    }
+
+    /// The same, with intervals that end where the cost has risen by so much: 1.92 is what a likelihood ratio allows white residuals in 95 of 100
+    /// records. None for what the errors of the fit say.
+    #[must_use]
+    pub fn with_rise(self, rise: Option<f64>) -> Self {
+        Self { rise, ..self }
     }
 
     /// The profile of a parameter that all runs share, or of one that belongs to the only run.
@@ -130,7 +175,7 @@ impl<'a> Profiler<'a> {
             kept.unwrap_or_else(|| self.one_side(&subject, *side))
         };
         let mut sides: Vec<ProfileSide> = Side::BOTH.par_iter().map(side).collect();
-        let Wanted { parameter, error, factor, rise, .. } = subject;
+        let Wanted { parameter, error, factor, rise, bound, .. } = subject;
         let (mut points, mut refits) = (vec![self.best(parameter)], 0);
         for side in &mut sides {
             points.append(&mut side.points);
@@ -140,7 +185,7 @@ impl<'a> Profiler<'a> {
         let (name, unit, value) = (parameter.name.clone(), parameter.unit.clone(), parameter.value);
         let (ends, reach) = ([sides[0].end, sides[1].end], reach(error, factor, rise));
         let by_error = [value - reach, value + reach];
-        Ok(Profile { name, unit, value, error, factor, rise, ends, by_error, points, refits })
+        Ok(Profile { name, unit, value, error, factor, rise, bound, ends, by_error, points, refits })
     }
 
     /// One side of the profile of a parameter, as bytes for [`Self::of_kept`]; none when it was interrupted.
@@ -154,9 +199,7 @@ impl<'a> Profiler<'a> {
     }
 
     fn one_side(&self, wanted: &Wanted<'_>, side: Side) -> ProfileSide {
-        let sign = if side == Side::Below { -1.0 } else { 1.0 };
-        let (end, points, refits) = self.side(wanted.place, wanted.parameter, (sign * wanted.error, wanted.rise));
-        ProfileSide { end, points, refits }
+        self.side(wanted, if side == Side::Below { -1.0 } else { 1.0 })
     }
 
     fn subject(&self, name: &str) -> Result<Wanted<'_>, StudyError> {
@@ -173,19 +216,31 @@ impl<'a> Profiler<'a> {
         }
         let run = definition.params[place].per_run.then(|| self.runs[0].name.as_str());
         let parameter = self.fit.estimate.parameter(name, run).ok_or_else(|| refused("it was not estimated"))?;
+        let param = &definition.params[place];
+        let (lower, upper, value) = (param.lower, param.upper, parameter.value);
+        let logarithmic = param.logarithmic && value > 0.0;
         match (parameter.status, parameter.error().filter(|e| e.is_finite() && *e > 0.0)) {
             (Status::Estimated, Some(error)) => {
                 let factor = error / parameter.standard_error.unwrap_or(error);
                 let freedom = parameter.degrees_of_freedom.filter(|_| parameter.corrected_error.is_some());
                 // chi-squared of one degree of freedom is the square of a normal deviate
-                let rise = 0.5 * (factor * quantile(freedom)).powi(2);
-                Ok(Wanted { place, parameter, error, factor, rise })
+                let rise = self.rise.unwrap_or(0.5 * (factor * quantile(freedom)).powi(2));
+                Ok(Wanted { place, parameter, error, factor, rise, logarithmic, bound: false })
             }
             (Status::NotDetermined, _) => {
                 Err(refused("the data do not determine it: its interval is open on both sides"))
             }
             (Status::AtLowerBound | Status::AtUpperBound, _) => {
-                Err(refused("it stands at its bound; widen the bound first"))
+                // a guess at its error, from which the search begins; colour counts as for the others
+                let reached = parameter.limit.map(|limit| (limit - value).abs() / quantile(None));
+                let range = [upper - lower, value.abs(), 1.0].into_iter().find(|r| *r > 0.0 && r.is_finite());
+                let guess = if logarithmic { value } else { 0.1 * range.unwrap_or(1.0) };
+                let error = reached.filter(|e| e.is_finite() && *e > 0.0).unwrap_or(guess);
+                let ratios = self.fit.estimate.parameters.iter().filter_map(|p| Some(p.error()? / p.standard_error?));
+                let (sum, count) = ratios.fold((0.0, 0.0), |(sum, count), r| (sum + r * r, count + 1.0));
+                let factor = if count > 0.0 { f64::max((sum / count).sqrt(), 1.0) } else { 1.0 };
+                let rise = self.rise.unwrap_or(0.5 * (factor * quantile(None)).powi(2));
+                Ok(Wanted { place, parameter, error, factor, rise, logarithmic, bound: true })
             }
             _ => Err(refused("it was not estimated")),
         }
@@ -196,86 +251,145 @@ impl<'a> Profiler<'a> {
         Point { value: parameter.value, rise: 0.0, others: others(&self.fit.estimate, parameter) }
     }
 
-    /// One side: the end by secants on the root of the rise, which is straight where the cost is a parabola; then the curve on the way.
-    fn side(&self, place: usize, parameter: &ParameterEstimate, (step, rise): (f64, f64)) -> (End, Vec<Point>, usize) {
-        let param = &self.fit.model.definition().params[place];
-        let (centre, wanted) = (parameter.value, rise.sqrt());
-        let bound = if step < 0.0 { param.lower } else { param.upper };
-        let (mut starts, mut points, mut refits) = (self.starts.clone(), Vec::new(), 0);
-        let (mut below, mut above) = ((0.0, 0.0), None::<(f64, f64)>);
-        // in errors; a first guess as the parabola has it
-        let mut at = wanted * std::f64::consts::SQRT_2 * parameter.standard_error.unwrap_or(step.abs()) / step.abs();
-        let farthest = ((bound - centre) / step).abs();
-        let mut end = None;
-        while end.is_none() && refits < SEARCH {
-            if !(self.goes_on)() {
-                end = Some(End::Interrupted(centre + step * below.0));
+    /// One side: its end, then the curve on the way. A value that costs more than one farther off was fitted into another minimum, and is fitted again
+    /// from there; the end is looked for again where that shows that it lies elsewhere.
+    fn side(&self, wanted: &Wanted<'_>, sign: f64) -> ProfileSide {
+        let root = wanted.rise.sqrt();
+        let (mut found, mut refits) = (Vec::new(), 0);
+        let (mut below, mut above) = ((0.0, 0.0), None);
+        let mut end = End::Interrupted(wanted.parameter.value);
+        for round in 0..ROUNDS {
+            end = self.end((wanted, sign), (below, above), &mut found, &mut refits);
+            if round == 0 {
+                self.curve((wanted, sign), end, &mut found, &mut refits);
+            }
+            self.mend(wanted, &mut found, &mut refits);
+            // what was found at the end may have become cheaper, what lies before it not
+            let at = wanted.at(end.value());
+            let past = found.iter().position(|f: &Refit| f.root() > (1.0 + NEAR) * root);
+            let before = found[..past.unwrap_or(found.len())].last();
+            below = before.map_or((0.0, 0.0), |f| (f.at, f.root()));
+            above = past.map(|k| (found[k].at, found[k].root()));
+            let stands = match (end, above) {
+                (End::Interrupted(_), _) => true,
+                (End::At(_), Some((first, _))) => at <= first && (at >= below.0 || below.1 >= (1.0 - NEAR) * root),
+                (End::At(_), None) => below.1 >= (1.0 - NEAR) * root,
+                (_, Some((first, _))) => at <= first,
+                (_, None) => true,
+            };
+            if stands {
                 break;
             }
+        }
+        let points = found.into_iter().map(|f| Point { value: f.value, rise: f.rise, others: f.others }).collect();
+        ProfileSide { end, points, refits }
+    }
+
+    /// The end by secants on the root of the rise, which is straight where the cost is a parabola, between a value below the limit and perhaps one above.
+    fn end(
+        &self,
+        (wanted, sign): (&Wanted<'_>, f64),
+        (mut below, mut above): ((f64, f64), Option<(f64, f64)>),
+        found: &mut Vec<Refit>,
+        refits: &mut usize,
+    ) -> End {
+        let param = &self.fit.model.definition().params[wanted.place];
+        let limit = wanted.rise.sqrt();
+        let bound = if sign < 0.0 { param.lower } else { param.upper };
+        let farthest = wanted.at(bound);
+        let next = |below: (f64, f64), above: Option<(f64, f64)>, at: f64| match above {
+            Some(above) => within(below, above, limit),
+            None if below.1 > 0.0 => below.0 * (limit / below.1).clamp(1.2, 4.0),
+            None => 4.0 * at,
+        };
+        // in errors; a first guess as the parabola has it
+        let cramer_rao = wanted.parameter.standard_error.unwrap_or(wanted.error);
+        let mut at = limit * std::f64::consts::SQRT_2 * cramer_rao / wanted.error;
+        if below.0 > 0.0 || above.is_some() {
+            at = next(below, above, at);
+        }
+        let mut starts = found.iter().find(|f| f.at == below.0).map_or(self.starts.clone(), |f| f.starts.clone());
+        let last = *refits + SEARCH;
+        while *refits < last {
+            if !(self.goes_on)() {
+                return End::Interrupted(wanted.value(sign, below.0));
+            }
             at = at.min(farthest).min(FAR);
-            let value = if at >= farthest { bound } else { centre + step * at };
-            refits += 1;
-            let Some(found) = self.refit((place, value), &starts, parameter) else {
-                if (self.goes_on)() && (refits >= SEARCH || at - below.0 < 1e-3 * at) {
-                    end = Some(End::Astray(centre + step * below.0));
+            let value = if at >= farthest { bound } else { wanted.value(sign, at) };
+            *refits += 1;
+            let Some(refit) = self.refit(wanted, (at, value), &starts) else {
+                if (self.goes_on)() && (*refits >= last || at - below.0 < 1e-3 * at) {
+                    return End::Astray(wanted.value(sign, below.0));
                 }
                 at = below.0 + 0.5 * (at - below.0);
                 continue;
             };
-            let root = found.rise.max(0.0).sqrt();
-            points.push(Point { value, rise: found.rise, others: found.others });
-            if (root - wanted).abs() <= NEAR * wanted {
-                end = Some(End::At(value));
-            } else if root < wanted {
-                starts = found.starts;
+            let root = refit.root();
+            if root < limit {
+                starts.clone_from(&refit.starts);
+            }
+            found.push(refit);
+            if (root - limit).abs() <= NEAR * limit {
+                return End::At(value);
+            } else if root < limit {
                 if at >= farthest {
-                    end = Some(End::Bound(bound));
+                    return End::Bound(bound);
                 } else if at >= FAR {
-                    end = Some(End::Open(value));
+                    return End::Open(value);
                 }
                 below = (at, root);
             } else {
                 above = Some((at, root));
             }
-            at = match above {
-                Some(above) => within(below, above, wanted),
-                None if below.1 > 0.0 => below.0 * (wanted / below.1).clamp(1.2, 4.0),
-                None => 4.0 * at,
-            };
+            at = next(below, above, at);
         }
         // so near that a secant between them is as good
-        let end = end.unwrap_or_else(|| match above {
-            Some(above) => End::At(centre + step * within(below, above, wanted)),
-            None => End::Open(centre + step * below.0),
-        });
-        refits += self.curve(place, parameter, end, &mut points);
-        (end, points, refits)
+        match above {
+            Some(above) => End::At(wanted.value(sign, within(below, above, limit))),
+            None => End::Open(wanted.value(sign, below.0)),
+        }
     }
 
     /// Points between the estimate and an end, each begun where the one before it ended.
-    fn curve(&self, place: usize, parameter: &ParameterEstimate, end: End, points: &mut Vec<Point>) -> usize {
-        let (mut starts, mut refits) = (self.starts.clone(), 0);
+    fn curve(&self, (wanted, sign): (&Wanted<'_>, f64), end: End, found: &mut Vec<Refit>, refits: &mut usize) {
+        let mut starts = self.starts.clone();
+        let whole = wanted.at(end.value());
         for k in 1..=BETWEEN {
-            let value = parameter.value + (end.value() - parameter.value) * k as f64 / (BETWEEN + 1) as f64;
-            if value == parameter.value || !(self.goes_on)() {
+            let at = whole * k as f64 / (BETWEEN + 1) as f64;
+            if at == 0.0 || !at.is_finite() || !(self.goes_on)() {
                 continue;
             }
-            refits += 1;
-            if let Some(found) = self.refit((place, value), &starts, parameter) {
-                points.push(Point { value, rise: found.rise, others: found.others });
-                starts = found.starts;
+            *refits += 1;
+            if let Some(refit) = self.refit(wanted, (at, wanted.value(sign, at)), &starts) {
+                starts.clone_from(&refit.starts);
+                found.push(refit);
             }
         }
-        refits
+    }
+
+    /// Sorts what was found from the estimate outward, and fits again what costs more than something farther off, from there.
+    fn mend(&self, wanted: &Wanted<'_>, found: &mut [Refit], refits: &mut usize) {
+        found.sort_by(|a, b| a.at.total_cmp(&b.at));
+        for k in (1..found.len()).rev() {
+            let (nearer, farther) = (&found[k - 1], &found[k]);
+            if nearer.rise <= farther.rise + FALLS * wanted.rise || !(self.goes_on)() {
+                continue;
+            }
+            *refits += 1;
+            let again = self.refit(wanted, (nearer.at, nearer.value), &farther.starts);
+            if let Some(again) = again.filter(|again| again.rise < nearer.rise) {
+                found[k - 1] = again;
+            }
+        }
     }
 
     /// The best fit with the parameter held; none when there is none.
-    fn refit(&self, (place, value): (usize, f64), starts: &[Vec<f64>], parameter: &ParameterEstimate) -> Option<Refit> {
+    fn refit(&self, wanted: &Wanted<'_>, (at, value): (f64, f64), starts: &[Vec<f64>]) -> Option<Refit> {
         let mut params = self.fit.model.definition().params.clone();
-        (params[place].value, params[place].fixed) = (value, true);
+        (params[wanted.place].value, params[wanted.place].fixed) = (value, true);
         let model: Model = self.fit.model.with_params(params);
         let mut starts = starts.to_vec();
-        starts.iter_mut().for_each(|theta| theta[place] = value);
+        starts.iter_mut().for_each(|theta| theta[wanted.place] = value);
         let mut observer = |_: &Iteration| match (self.goes_on)() {
             true => ControlFlow::Continue(()),
             false => ControlFlow::Break(()),
@@ -283,8 +397,8 @@ impl<'a> Profiler<'a> {
         let found = fit_from(&model, self.runs, &starts, &self.options, &mut observer).ok()?;
         let known = found.estimate.termination.is_good();
         let rise = found.estimate.cost.filter(|c| known && c.is_finite())? - self.fit.estimate.cost?;
-        let others = others(&found.estimate, parameter);
-        Some(Refit { rise, starts: reached(&model, self.runs, &found.estimate), others })
+        let others = others(&found.estimate, wanted.parameter);
+        Some(Refit { at, value, rise, starts: reached(&model, self.runs, &found.estimate), others })
     }
 }
 

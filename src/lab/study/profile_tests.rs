@@ -67,6 +67,46 @@ fn an_interval_that_ends_nowhere_is_open_and_one_at_a_bound_says_so() {
 }
 
 #[test]
+fn a_value_that_was_fitted_into_another_minimum_is_fitted_again_from_beyond() {
+    let u: Vec<f64> = (0..30).map(f64::from).collect();
+    let (fit, runs, options) =
+        fitted("model m { input u; param a = 1, b = 1; output y = a*u + b; }", &u, |u| 2.0 * u - 1.0, 0.1);
+    let profiler = Profiler::new(&fit, &runs, &options, ALWAYS).expect("possible");
+    let wanted = profiler.subject("a").expect("estimated");
+    let mut refits = 0;
+    let mut found: Vec<Refit> = [2.0, 1.0]
+        .map(|at| profiler.refit(&wanted, (at, wanted.value(1.0, at)), &profiler.starts).expect("a fit"))
+        .into();
+    let right = found[1].rise;
+    found[1].rise = 100.0;
+    profiler.mend(&wanted, &mut found, &mut refits);
+    assert_eq!(refits, 1);
+    assert!(found[0].at == 1.0 && (found[0].rise - right).abs() < 1e-9, "{} {right}", found[0].rise);
+}
+
+#[test]
+fn a_rise_may_be_asked_for_and_a_parameter_at_its_bound_has_one_side() {
+    let u: Vec<f64> = (1..40).map(|k| f64::from(k) / 4.0).collect();
+    let text = "model rise { input u; param a = 1, k = 2 in [0.01, 20] log; output y = a*(1 - exp(-k*u)); }";
+    // a step: no rate within the bounds is fast enough
+    let (fit, runs, options) = fitted(text, &u, |_| 1.0, 0.06);
+    let p = fit.estimate.parameter("k", None).expect("there");
+    assert_eq!(p.status, Status::AtUpperBound);
+    let profile = |rise: Option<f64>| {
+        let profiler = Profiler::new(&fit, &runs, &options, ALWAYS).expect("possible").with_rise(rise);
+        profiler.of("k").expect("one side")
+    };
+    let [one, two] = [Some(1.92), Some(3.84)].map(profile);
+    assert!(one.bound && one.rise == 1.92 && one.ends[1] == End::Bound(20.0), "{one:?}");
+    let [End::At(low), End::At(lower)] = [one.ends[0], two.ends[0]] else { panic!("{one:?} {two:?}") };
+    assert!(1.0 < lower && lower < low && low < 20.0, "{lower} {low}");
+    // there the cost has risen by so much
+    let near = one.points.iter().map(|p| (p.rise - 1.92).abs()).fold(f64::INFINITY, f64::min);
+    assert!(near < 0.05, "{near}");
+    assert_eq!(profile(None).rise, 0.5 * quantile(None).powi(2));
+}
+
+#[test]
 fn what_has_no_profile_is_said_and_an_interrupt_ends_it() {
     let u: Vec<f64> = (0..20).map(f64::from).collect();
     let text = "model line { input u; param slope = 1, b = 0 fixed; output y = slope*u + b; }";

@@ -5,7 +5,7 @@ use super::headline::judgement;
 use super::number::shown;
 use super::section::{Section, Trust, quoted};
 use super::subject::called;
-use crate::comparison::{edge, nesting, value, weighted_by};
+use crate::comparison::{Verdict, edge, nesting, value, verdict, weighted_by};
 use fdm_results::comparison::{Averaged, Candidate, Comparison};
 use fdm_results::documents::digits_by_error;
 use maud::{Markup, html};
@@ -31,17 +31,11 @@ pub fn comparison_page(comparison: &Comparison) -> String {
                 .filter_map(|c| Some((format!("{}: no criteria: {}", c.name, c.incomparable.as_ref()?), "criteria"))),
         )
         .collect();
-    let best = comparison.averaged.as_ref().and_then(|averaged| {
-        let (k, weight) = averaged.weights.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1))?;
-        Some(format!("{} has {:.0} % of the weight, {}.", all.get(k)?.name, 100.0 * weight, weighted_by(averaged)))
-    });
-    let (trust, sentence) = match best {
-        Some(best) => (Trust::Good, best),
-        None => (Trust::Reserved, "The costs of these results cannot be compared.".into()),
-    };
+    let Verdict { settled, sentence } = verdict(comparison);
+    let trust = if settled { Trust::Good } else { Trust::Reserved };
     let names: Vec<&str> = all.iter().map(|c| c.name.as_str()).collect();
-    let verdict = judgement((trust, sentence, points), None, &["predictions", "criteria"]);
-    frame(&Head { kind: "comparison", name: &names.join(", "), doc: None, verdict }, &sections)
+    let head = judgement((trust, sentence, points), None, &["predictions", "criteria"]);
+    frame(&Head { kind: "comparison", name: &names.join(", "), doc: None, verdict: head }, &sections)
 }
 
 fn criteria(comparison: &Comparison) -> Markup {

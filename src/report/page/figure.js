@@ -346,7 +346,6 @@
     figure.group.members.push(figure);
     figures.push(figure);
     svg.classList.add("live");
-    svg.setAttribute("tabindex", "0");
     draw(figure);
     listen(figure);
     return figure;
@@ -357,7 +356,11 @@
       if (isIntersecting && !known.has(target)) known.set(target, begin(target));
     }
   }, { rootMargin: "200px" });
-  document.querySelectorAll("figure.plot").forEach((holder) => seen.observe(holder));
+  document.querySelectorAll("figure.plot").forEach((holder) => {
+    // keys reach what is out of view, and bring it there
+    holder.querySelector("svg").setAttribute("tabindex", "0");
+    seen.observe(holder);
+  });
   new ResizeObserver(() => {
     for (const figure of figures) if (figure.canvas.clientWidth && Math.floor(figure.canvas.clientWidth) !== figure.width) draw(figure);
   }).observe(document.body);

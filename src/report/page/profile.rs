@@ -47,13 +47,14 @@ fn table(profiles: &[Profile]) -> Markup {
                 th.number { "below" } th.number { "above" } th { "unit" }
             } }
             tbody { @for p in profiles {
-                @let digits = digits_by_error(p.value, p.error, 3).unwrap_or(3);
+                @let digits = if p.bound { 4 } else { digits_by_error(p.value, p.error, 3).unwrap_or(3) };
+                @let by_error = |text: String| if p.bound { "–".to_string() } else { text };
                 tr {
                     th scope="row" { code { (p.name) } }
-                    td.number { (shown(p.value, digits)) } td.number { (shown(p.error, 3)) }
-                    td.number { (shown(p.value - p.reach(), digits)) " to " (shown(p.value + p.reach(), digits)) }
+                    td.number { (shown(p.value, digits)) } td.number { (by_error(shown(p.error, 3))) }
+                    td.number { (by_error(format!("{} to {}", shown(p.value - p.reach(), digits), shown(p.value + p.reach(), digits)))) }
                     td.number { (told(p.ends[0], digits)) " to " (told(p.ends[1], digits)) }
-                    td.number { (format!("{:.2}", reach(p, p.ends[0]))) } td.number { (format!("{:.2}", reach(p, p.ends[1]))) }
+                    td.number { (by_error(format!("{:.2}", reach(p, p.ends[0])))) } td.number { (by_error(format!("{:.2}", reach(p, p.ends[1])))) }
                     td { (p.unit.as_deref().unwrap_or_default()) }
                 }
             } }

@@ -17,6 +17,9 @@ pub struct Profile {
     pub factor: f64,
     /// What the cost may rise.
     pub rise: f64,
+    /// Whether the estimate stands at its bound: the error is a guess then.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub bound: bool,
     /// Where it has risen so much, below and above.
     pub ends: [End; 2],
     /// The interval by the error.

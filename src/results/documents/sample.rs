@@ -83,6 +83,9 @@ pub struct SampleDocument {
     pub parameters: Vec<SampledParameter>,
     /// The chains.
     pub chains: Vec<ChainDocument>,
+    /// By how much the likelihood was widened to the corrected errors, as factors of a deviation, least and largest; left out where it was not.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub widened: Option<[f64; 2]>,
     /// Posterior predictive bands; empty where they were not asked for.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub bands: Vec<PredictiveBand>,
