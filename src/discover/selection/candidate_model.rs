@@ -4,7 +4,7 @@ use super::extended_model::new_values;
 use super::fitted_model::shared_from;
 use super::fitting::{FitProblem, Fitting};
 use super::forward_step::{ForwardStep, PENALTY, prior};
-use super::predictor::Predictor;
+use super::predictor::{Predictor, tolerance};
 use super::projection::{Projected, Projection};
 use super::whitening::CommonNoise;
 use crate::screening::Shape;
@@ -313,17 +313,24 @@ impl ForwardStep<'_> {
         })
     }
 
-    /// Ways for the fits of a candidate: those of its directions made finer, unless they are too coarse where the fit begins. A
-    /// direction is a derivative, and says little of how stiff the effect itself is.
+    /// Ways for the fits of a candidate: those of its directions, where noise hides their error as the fit begins; made finer otherwise, unless
+    /// that is too coarse there. A direction is a derivative, and says little of how stiff the effect itself is.
     fn predictors(&self, t: usize, model: &Model, prediction: &Prediction, base: &Fitting) -> Vec<Predictor> {
         let (trace, runs) = (&self.simulated[t], self.runs);
-        let predictors: Vec<Predictor> = trace.predictors.iter().map(Predictor::finer).collect();
-        let Some(steps) = predictors[0].steps() else { return predictors };
+        let finer = || -> Vec<Predictor> { trace.predictors.iter().map(Predictor::finer).collect() };
         let values = trace.points[prediction.point].at(prediction.amount, trace.attached.params());
         let compensation = (&prediction.added.compensation[..], prediction.amount);
         let starts = self.starts(&trace.attached, base, &values, compensation);
-        let error = integration_error(model.dynamics(), &runs.all[0], &starts[0], steps.clone());
-        if error.is_ok_and(|error| error < COARSE) {
+        let error = |predictors: &[Predictor]| -> Option<f64> {
+            let steps = predictors[0].steps()?.clone();
+            Some(integration_error(model.dynamics(), &runs.all[0], &starts[0], steps).unwrap_or(f64::INFINITY))
+        };
+        let Some(own) = error(&trace.predictors) else { return finer() };
+        if own < tolerance(runs.all, self.current.outputs()) {
+            return trace.predictors.clone();
+        }
+        let predictors = finer();
+        if error(&predictors).is_some_and(|error| error < COARSE) {
             return predictors;
         }
         let own = |r: usize| {
