@@ -168,12 +168,12 @@ pub(super) fn beyond_noise(outputs: &[OutputGain], (residuals, q): (&[Vec<f64>],
             return None;
         }
         let values = residuals.iter().flat_map(|left| left.iter().skip(o).step_by(q)).filter(|r| !r.is_nan());
-        let (sum, square, count) = values.fold((0.0, 0.0, 0.0), |(s, w, n), r| (s + r, w + r * r, n + 1.0));
+        let (sum, square, count) = values.fold((0.0_f64, 0.0_f64, 0.0_f64), |(s, w, n), r| (s + r, w + r * r, n + 1.0));
         let (mean, share) = (sum / count, sum * sum / (count * square));
         let unit = outputs.iter().find(|gain| gain.output == **name).and_then(|gain| gain.unit.as_deref());
         let unit = unit.map_or(String::new(), |unit| format!(" {unit}"));
         let steady = match share > 0.5 {
-            true => format!(", and {:.0} % of its square are a steady {mean:.3e}{unit}", 100.0 * share),
+            true => format!(", and {:.0} % of its square are a steady {mean:.2e}{unit}", 100.0 * share),
             false => String::new(),
         };
         Some(format!(
