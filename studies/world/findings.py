@@ -110,8 +110,7 @@ def offset(ask, rng):
         files.append(save(ask.folder / f"offset_{k}.csv", "t [s],F [N],x_m [m]",
                           [times(len(force)), force, x[:, 0] + 0.005 * rng.standard_normal(len(force))]))
     found, done = ask.diagnosis(model, files[:3], "--validation", files[3])
-    names = named(found)
-    good = found["verdict"] == "effect_found" and len(names) == 1
+    good = found["verdict"] == "effect_found" and len(found["causes"]) == 1
     return good, f"{said(found)}, p = {found['family_wise_p']:.1e}", done
 
 
