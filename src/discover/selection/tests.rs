@@ -276,7 +276,8 @@ fn of_equal_effects_the_simplest_is_named() {
     let runs = [run(&truth, "a", steps(0.0), &[], 0.02), run(&truth, "b", steps(1.9), &[], 0.02)];
     let zone = "effect input_dead_zone(i: input) \"zone\" { param width = 0 in [0, size(i)] try scale(i, 0.06), \
                 scale(i, 0.18); replace i with deadzone(i, width); }";
-    let (catalogue, findings) = Catalogue::read(&Source::new("zone.fdm", format!("{zone}{SOME}")));
+    let with = format!("{zone}{SOME}");
+    let (catalogue, findings) = Catalogue::read(&Source::new("zone.fdm", with.as_str()));
     assert!(findings.is_empty(), "{findings:?}");
     let model = Model::from_text("model.fdm", TEXT.replace("FORCE", "")).unwrap();
     let found = diagnose(&model, &runs, &[], &catalogue, &DiagnosisOptions::default(), &|_| ()).unwrap();
