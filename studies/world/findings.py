@@ -161,6 +161,7 @@ def sparse(ask, rng):
         seen[::10] = x[::10, 0] + 0.005 * rng.standard_normal(n // 10)
         file = save(ask.folder / f"sparse_{k}.csv", "t [s],F [N],x_m [m]", [times(n, step), force, seen])
         fit, done = ask.run("fit", model, "--data", file, "--json", "--quiet")
+        assert fit, done["error"]
         remarks += "orrelates" in json.dumps(fit)
         if k < 3:
             found, _ = ask.diagnosis(model, [file])
@@ -169,10 +170,10 @@ def sparse(ask, rng):
 
 
 COGGING = """effect cogging(x: state, v: state) unless known(der(v)) or x == v "cogging of {x} in the equation of {v}" {
-  param size = 0;
+  param ripple = 0;
   nuisance teeth in [1, 200] try 10, 20, 40, 80;
   nuisance phase = 0 in [-4, 4] try 0, 1.57;
-  add der(v) += size*sin(teeth*x + phase);
+  add der(v) += ripple*sin(teeth*x + phase);
 }
 """
 
@@ -218,38 +219,25 @@ def multistep(ask, rng):
 
 
 def comparison(ask, rng):
-    """Residuals on validation runs from 0.0061 to 0.00086: Coulomb friction left out, and in."""
+    """Coulomb friction left out, and in: an error of about 0.006 on three validation runs in place of 0.00086."""
     files = []
     noise = Noise("AR(1)", SAMPLES, 0.00085, [0.8])
-    for k in range(3):
-        force, x = sway(rng, coulomb=0.117)
+    for k in range(5):
+        force, x = sway(rng, coulomb=0.06)
         files.append(save(ask.folder / f"compare_{k}.csv", "t [s],F [N],x_m [m]",
                           [times(len(force)), force, x[:, 0] + noise.draw(x[:, 0], rng)]))
-    naive = ask.text("naive.fdm", SWAY.format(begin=0, balance=DER, second=""))
-    right = ask.text("right.fdm", SWAY.format(begin=0, balance=DER.replace("c*v)", "c*v - f*tanh(v/0.001))"), second="")
-                     .replace("c = 1 [N*s/m]", "c = 1 [N*s/m], f = 0.1 [N]"))
-    for name, model in (("naive", naive), ("right", right)):
+    naive = SWAY.format(begin=0, balance=DER, second="")
+    right = naive.replace("c*v)", "c*v - f*tanh(v/creep))").replace(
+        "c = 1 [N*s/m];", "c = 1 [N*s/m], f = 0.1 [N];\n  const creep = 0.001 [m/s];")
+    for name, text in (("naive", naive), ("right", right)):
+        model = ask.text(f"{name}.fdm", text)
         _, done = ask.run("fit", model, "--data", files[0], "--data", files[1], "--out", ask.folder / name, "--force", "--quiet")
-        if done["code"] != 0 and "--force" in done["error"]:
-            _, done = ask.run("fit", model, "--data", files[0], "--data", files[1], "--out", ask.folder / name, "--quiet")
-    found, done = ask.run("compare", ask.folder / "naive", ask.folder / "right", "--data", files[2], "--json")
-    text = json.dumps(found)
-    (ask.folder / "compare.json").write_text(text)
-    return None, done["out"][:0] + summary(found), done
-
-
-def summary(found):
-    """What is said of predictions."""
-    words, stack = [], [("", found)]
-    while stack:
-        name, value = stack.pop()
-        if isinstance(value, dict):
-            stack += [(f"{name}.{k}", v) for k, v in value.items()]
-        elif isinstance(value, list):
-            stack += [(f"{name}[{k}]", v) for k, v in enumerate(value)]
-        elif ("rms" in name or "p_value" in name or "less" in name or "reduction" in name) and isinstance(value, (int, float)):
-            words.append(f"{name} {value:.3g}")
-    return "; ".join(sorted(words))
+        assert done["code"] == 0, done["error"]
+    validation = [word for file in files[2:] for word in ("--data", file)]
+    _, done = ask.run("compare", ask.folder / "naive", ask.folder / "right", *validation)
+    told = [line.strip() for line in done["out"].splitlines() if line.startswith(("x_m:", " compare_"))]
+    good = any("p < 0.01" in line or "p < 0.001" in line or "p = 0.00" in line for line in told)
+    return good, "; ".join(told), done
 
 
 CASES = {f.__name__: f for f in (offset, form, delay, sparse, cogging, multistep, comparison)}
