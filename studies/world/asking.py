@@ -82,8 +82,8 @@ def modelled(path):
     return {h.removesuffix("_model"): values[:, j] for j, h in enumerate(head) if h.endswith("_model")}
 
 
-def answer(command, model, runs, validation, folder, options=(), searched=()):
-    """One diagnosis, its written text, a refit of that, and what it simulates to; kept in the folder.
+def answer(command, model, runs, validation, folder, options=(), searched=(), seconds=LIMIT):
+    """One diagnosis in so many seconds of processor time, its written text, a refit of that, and what it simulates to; kept in the folder.
 
     `options` are those of all commands, `searched` those of the diagnosis alone."""
     kept = folder / "answer.json"
@@ -98,7 +98,7 @@ def answer(command, model, runs, validation, folder, options=(), searched=()):
     for run in validation:
         asked += ["--validation", str(run)]
     asked += ["--json", "--quiet", "--threads", "1", "--write", str(written), *options, *searched]
-    done = limited(asked)
+    done = limited(asked, seconds)
     found = {"command": " ".join(asked), "code": done["code"], "seconds": done["seconds"], "error": done["error"]}
     found["diagnosis"] = parsed(done["out"]) if done["code"] is not None else None
     if found["diagnosis"] and written.exists() and found["diagnosis"].get("causes"):

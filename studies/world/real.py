@@ -21,10 +21,6 @@ STAND_INS = {"output_scale", "sensor_position", *re.findall(
     r"^effect (\w+)\([^{]*\bas stand_in\b", (ROOT / "models" / "effects.fdm").read_text(), re.M)}
 
 
-# seconds after which a diagnosis ends with the best so far, below the limit of processor time
-TIME = "50"
-
-
 @dataclass
 class Record:
     name: str
@@ -403,6 +399,7 @@ def main():
     given.add_argument("--only", default="")
     given.add_argument("--options", default="", help="further options of the diagnosis, for all records")
     given.add_argument("--form", choices=("der", "Newton"), help="one form only")
+    given.add_argument("--seconds", type=int, default=300, help="of processor time for a diagnosis")
     asked = given.parse_args()
     further = tuple(asked.options.split())
     kept = asked.answers / build_of(asked.fdm) / ("real" + "".join(c if c.isalnum() else "_" for c in asked.options))
@@ -423,7 +420,7 @@ def main():
                 tables[name] = {h.split("[")[0].strip(): rows[:, j] for j, h in enumerate(head.split(","))}
             files, checks = written(folder, runs), written(folder, validation)
             (folder / "model.fdm").write_text(form(record.text, newton))
-            found = answer(asked.fdm, folder / "model.fdm", files, checks, folder, record.options, ("--time-limit", TIME, *further))
+            found = answer(asked.fdm, folder / "model.fdm", files, checks, folder, record.options, further, asked.seconds)
             answered, wrong, errors = judged(record, found, tables)
             d = found["diagnosis"]
             names.append(d and [(c["effect"], c["targets"]) for c in d["causes"]])

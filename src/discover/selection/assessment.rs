@@ -151,6 +151,40 @@ pub(super) fn output_gains(
     found
 }
 
+/// How many times its noise an output's error over the training runs may be. The mean of 1/f noise that goes on for a thousand records has 7
+/// times the power of the first bin, all other bins of 500 have 6.8 times as much together: the error is 2.6 times as large one time in a
+/// hundred.
+const PLAIN: f64 = 2.6;
+
+/// Outputs whose plain error on the training runs is more than their noise allows, mean and slow part included, in sentences: what is beyond
+/// is so slow that no spectrum tells it from noise. `residuals` are those of each run (N by q).
+pub(super) fn beyond_noise(outputs: &[OutputGain], (residuals, q): (&[Vec<f64>], usize)) -> Vec<String> {
+    let names: Vec<&str> = outputs.iter().take(q).map(|o| o.output.as_str()).collect();
+    let of = |(o, name): (usize, &&str)| -> Option<String> {
+        let own = outputs.iter().filter(|gain| gain.output == **name && !gain.validation);
+        let squares = own.filter_map(|gain| Some((gain.rms_before?.powi(2), gain.noise_floor.powi(2))));
+        let (error, noise) = squares.fold((0.0, 0.0), |sum, own| (sum.0 + own.0, sum.1 + own.1));
+        let times = (error / noise).sqrt();
+        if times.is_nan() || times <= PLAIN {
+            return None;
+        }
+        let values = residuals.iter().flat_map(|left| left.iter().skip(o).step_by(q)).filter(|r| !r.is_nan());
+        let (sum, square, count) = values.fold((0.0_f64, 0.0_f64, 0.0_f64), |(s, w, n), r| (s + r, w + r * r, n + 1.0));
+        let (mean, share) = (sum / count, sum * sum / (count * square));
+        let unit = outputs.iter().find(|gain| gain.output == **name).and_then(|gain| gain.unit.as_deref());
+        let unit = unit.map_or(String::new(), |unit| format!(" {unit}"));
+        let steady = match share > 0.5 {
+            true => format!(", and {:.0} % of its square are a steady {mean:.2e}{unit}", 100.0 * share),
+            false => String::new(),
+        };
+        Some(format!(
+            "{name}: the error is {times:.1} times the noise of the record{steady}. No candidate can be told from noise that is slower than these \
+             runs; further ones would tell"
+        ))
+    };
+    names.iter().enumerate().filter_map(of).collect()
+}
+
 /// Both responses of every run over time; none in the frequency domain.
 pub(super) fn overlays(
     runs: &[Run],

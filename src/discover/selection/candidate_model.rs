@@ -4,10 +4,11 @@ use super::extended_model::new_values;
 use super::fitted_model::shared_from;
 use super::fitting::{FitProblem, Fitting};
 use super::forward_step::{ForwardStep, PENALTY, prior};
-use super::predictor::Predictor;
+use super::predictor::{Predictor, tolerance};
 use super::projection::{Projected, Projection};
 use super::whitening::CommonNoise;
 use crate::screening::Shape;
+use fdm_grammar::effect::Kind;
 use fdm_grammar::syntax::Class;
 use fdm_system::model::Model;
 use fdm_system::simulate::{choose_steps_within, integration_error};
@@ -39,7 +40,7 @@ const FACTOR: f64 = 1.5;
 const STEPS: usize = 6;
 /// Iterations of a fit, and what one of them must predicted gain.
 const WHOLE: usize = 25;
-const FINE: f64 = 0.01;
+pub(super) const FINE: f64 = 0.01;
 
 /// An effect that was fitted jointly with the model.
 pub(super) struct CandidateModel {
@@ -62,6 +63,8 @@ pub(super) struct CandidateModel {
     pub(super) cost: usize,
     /// What kind of explanation it is.
     pub(super) class: Class,
+    /// Whether it has a limit or a width, and its numbers, those that are fixed too: what is simpler comes first among equals.
+    pub(super) shape: (bool, usize),
     /// Starts that were not followed, the best first.
     others: Vec<Vec<Vec<f64>>>,
 }
@@ -225,7 +228,7 @@ impl ForwardStep<'_> {
         let mut definition = attached.definition.clone();
         definition.params = attached.fitted_params(&self.current);
         let model = self.current.model.altered(definition);
-        let predictors = self.predictors(t, &model, &predictions[0], base);
+        let predictors = self.predictors(t, &model, &predictions, base);
         let posed = FitProblem {
             params: model.definition().params.clone(),
             dynamics: model.dynamics(),
@@ -309,25 +312,51 @@ impl ForwardStep<'_> {
             direction,
             cost,
             class: attached.candidate.effect().class(),
+            shape: (
+                attached.candidate.kind() == Kind::Finite,
+                attached.params().iter().filter(|p| p.begins_as.is_none()).count(),
+            ),
             others,
         })
     }
 
-    /// Ways for the fits of a candidate: those of its directions made finer, unless they are too coarse where the fit begins. A
-    /// direction is a derivative, and says little of how stiff the effect itself is.
-    fn predictors(&self, t: usize, model: &Model, prediction: &Prediction, base: &Fitting) -> Vec<Predictor> {
+    /// Ways for the fits of a candidate: those of its directions, where noise hides their error as fits begin; made finer otherwise, unless
+    /// that is too coarse there. A direction is a derivative, and says little of how stiff the effect itself is. The smallest trial that a fit
+    /// may begin at is looked at too: the shorter a lag, the stiffer.
+    fn predictors(&self, t: usize, model: &Model, predictions: &[Prediction], base: &Fitting) -> Vec<Predictor> {
         let (trace, runs) = (&self.simulated[t], self.runs);
-        let predictors: Vec<Predictor> = trace.predictors.iter().map(Predictor::finer).collect();
-        let Some(steps) = predictors[0].steps() else { return predictors };
-        let values = trace.points[prediction.point].at(prediction.amount, trace.attached.params());
-        let compensation = (&prediction.added.compensation[..], prediction.amount);
-        let starts = self.starts(&trace.attached, base, &values, compensation);
-        let error = integration_error(model.dynamics(), &runs.all[0], &starts[0], steps.clone());
-        if error.is_ok_and(|error| error < COARSE) {
-            return predictors;
+        let finer = || -> Vec<Predictor> { trace.predictors.iter().map(Predictor::finer).collect() };
+        let of = |prediction: &Prediction, amount: f64| -> (Vec<f64>, Vec<Vec<f64>>) {
+            let values = trace.points[prediction.point].at(amount, trace.attached.params());
+            let starts = self.starts(&trace.attached, base, &values, (&prediction.added.compensation, amount));
+            (values, starts)
+        };
+        let smallest = predictions.iter().find(|p| trace.points[p.point].shape == Shape::Smallest);
+        let begun: Vec<(Vec<f64>, Vec<Vec<f64>>)> = predictions
+            .first()
+            .map(|first| of(first, first.amount))
+            .into_iter()
+            .chain(smallest.map(|smallest| of(smallest, FAINT)))
+            .collect();
+        // the largest error that fits begin with, and with which of the beginnings
+        let error = |predictors: &[Predictor]| -> Option<(f64, usize)> {
+            let steps = predictors[0].steps()?;
+            let of = |(k, (_, starts)): (usize, &(Vec<f64>, Vec<Vec<f64>>))| {
+                let error = integration_error(model.dynamics(), &runs.all[0], &starts[0], steps.clone());
+                (error.unwrap_or(f64::INFINITY), k)
+            };
+            begun.iter().enumerate().map(of).max_by(|a, b| a.0.total_cmp(&b.0))
+        };
+        let Some((own, _)) = error(&trace.predictors) else { return finer() };
+        if own < tolerance(runs.all, self.current.outputs()) {
+            return trace.predictors.clone();
         }
+        let predictors = finer();
+        let too_coarse = |(error, _): &(f64, usize)| error.is_nan() || *error >= COARSE;
+        let Some((_, worst)) = error(&predictors).filter(too_coarse) else { return predictors };
+        let (values, starts) = &begun[worst];
         let own = |r: usize| {
-            let theta = starts.get(r).cloned().unwrap_or_else(|| trace.attached.theta(&self.current, r, &values));
+            let theta = starts.get(r).cloned().unwrap_or_else(|| trace.attached.theta(&self.current, r, values));
             let chosen = choose_steps_within(model.dynamics(), &runs.all[r], &theta, ACCURATE).ok()?;
             let most = MOST_STEPS * runs.all[r].len();
             (chosen.error < COARSE && chosen.steps.total(runs.all[r].len()) <= most).then_some(chosen.steps)

@@ -1,7 +1,7 @@
 //! Forward selection of effects, from the base model to a diagnosis.
 
 use super::acceptance::{cause, objection, rejected, separating};
-use super::assessment::{ResidualRecords, against, biased, output_gains, overlays, run_gains};
+use super::assessment::{ResidualRecords, against, beyond_noise, biased, output_gains, overlays, run_gains};
 use super::candidate_model::CandidateModel;
 use super::comparison::Comparison;
 use super::elimination::{Accepted, eliminate, one_law, revise};
@@ -595,7 +595,16 @@ impl<'a> ForwardSelection<'a> {
         let cost = self.accepted.iter().map(Accepted::cost).sum();
         let mut attribution =
             evidence.as_ref().map(|h| against(&first.model, h, explained.as_ref().map(|e| (e, cost))));
-        let verdict = self.verdict(attribution.as_ref(), end.family_wise, confirmed);
+        let mut verdict = self.verdict(attribution.as_ref(), end.family_wise, confirmed);
+        let slow = match verdict {
+            Verdict::NoEffectFound if !end.stopped => self.beyond_noise(first, noise),
+            _ => Vec::new(),
+        };
+        if !slow.is_empty() {
+            verdict = Verdict::UnknownCause;
+            attribution.iter_mut().for_each(|a| a.warnings.extend(slow.iter().cloned()));
+        }
+        let has_attribution = attribution.is_some();
         let overruled = match verdict {
             Verdict::Disturbance => Some("a disturbance (process noise) explains more"),
             Verdict::UnknownCause => Some("one function of a state or input, the same in every run, explains more"),
@@ -667,10 +676,25 @@ impl<'a> ForwardSelection<'a> {
             places: evidence.map(|h| h.places),
             suggestions,
             feedback,
-            notes: Vec::new(),
+            notes: if has_attribution { Vec::new() } else { slow },
             spectral: first.spectral(),
         };
         Ok(diagnosis)
+    }
+
+    /// Outputs of which the model as it was given leaves more than their noise, in sentences; none in the frequency domain, where no mean is
+    /// compared.
+    fn beyond_noise(&self, first: &FittedModel, noise: &CommonNoise) -> Vec<String> {
+        if *self.runs.domain != Domain::Time {
+            return Vec::new();
+        }
+        let (runs, train, q) = (self.runs.train(), self.runs.train, first.outputs());
+        let plain = (&first.response[..train], &first.response[..train]);
+        let outputs = output_gains(&first.model, runs, train, &first.predictors[..train], plain, noise);
+        let left =
+            |(run, y): (&Run, &Vec<f64>)| -> Vec<f64> { run.measured.iter().zip(y).map(|(z, y)| z - y).collect() };
+        let left: Vec<Vec<f64>> = runs.iter().zip(&first.response).map(left).collect();
+        beyond_noise(&outputs, (&left, q))
     }
 
     /// Effect, disturbance, unknown cause or nothing.

@@ -26,7 +26,7 @@ use super::initial_fit::{Thoroughness, plain_fit};
 use super::law_curve::LawModel;
 use super::runs::{DiagnosisOptions, Domain, GoesOn, Runs};
 use super::whitening::CommonNoise;
-use super::written_model::{WrittenModel, squares, written_model};
+use super::written_model::{WrittenModel, larger, squares, written_model};
 use crate::diagnosis::{Cause, EffectAt, FrontModel, FrontOutput, Rejected};
 use fdm_estimate::residuals::{Advantage, advantage};
 use fdm_grammar::effect::NewParam;
@@ -149,7 +149,7 @@ impl Level {
 
 /// That a model predicts worse than the one that was given, by its squared error as a part of that one's; none where it does not.
 fn worse(error: Option<f64>) -> Option<String> {
-    let percent = 100.0 * (error.filter(|e| *e > 1.0)?.sqrt() - 1.0);
+    let percent = larger(error?)?;
     Some(format!("its prediction of runs that it was not fitted to is {percent:.1} % worse than without it"))
 }
 

@@ -278,7 +278,7 @@ pub(super) fn responses(
 }
 
 /// The integration error that noise hides, as a part of an output's range: by the second differences of what was measured.
-fn tolerance(runs: &[Run], outputs: usize) -> f64 {
+pub(super) fn tolerance(runs: &[Run], outputs: usize) -> f64 {
     let of = |run: &Run, o: usize| -> Option<f64> {
         let values: Vec<f64> = run.measured.iter().skip(o).step_by(outputs).copied().filter(|z| !z.is_nan()).collect();
         let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));

@@ -266,6 +266,54 @@ fn a_steady_offset_is_named() {
     assert!(models.len() == 2 && models[1].recommended && models[1].error_training < 0.2, "{models:?}");
 }
 
+/// A dead zone of an input of one sign takes a constant away: of equals the simplest is named.
+#[test]
+fn of_equal_effects_the_simplest_is_named() {
+    const TEXT: &str =
+        "model m { input u; state v = 0; param a = 1, b = 2; der(v) = b*u - a*v FORCE; output speed = v; }";
+    let steps = |phase: f64| move |t: f64| ((t + phase) / 1.3).floor().rem_euclid(3.0) + 1.0;
+    let truth = TEXT.replace("FORCE", "- 0.5");
+    let runs = [run(&truth, "a", steps(0.0), &[], 0.02), run(&truth, "b", steps(1.9), &[], 0.02)];
+    let zone = "effect input_dead_zone(i: input) \"zone\" { param width = 0 in [0, size(i)] try scale(i, 0.06), \
+                scale(i, 0.18); replace i with deadzone(i, width); }";
+    let with = format!("{zone}{SOME}");
+    let (catalogue, findings) = Catalogue::read(&Source::new("zone.fdm", with.as_str()));
+    assert!(findings.is_empty(), "{findings:?}");
+    let model = Model::from_text("model.fdm", TEXT.replace("FORCE", "")).unwrap();
+    let found = diagnose(&model, &runs, &[], &catalogue, &DiagnosisOptions::default(), &|_| ()).unwrap();
+    let group: Vec<String> = found.causes[0].group.iter().map(|member| member.place.to_string()).collect();
+    assert_eq!(found.causes[0].place.to_string(), "constant_force(v)", "{group:?}");
+    assert!(group.iter().any(|place| place == "input_dead_zone(u)"), "{group:?}");
+}
+
+/// One record in 1/f noise, off by seven times its noise: slow noise may be that as well, but "nothing is missing" would be wrong.
+#[test]
+fn an_error_beyond_its_noise_is_never_nothing() {
+    const TEXT: &str = "model still { input u; state x = 0; param a = 1, b = 2; der(x) = b*u - a*x; output y = x; }";
+    let steps = |t: f64| if (t / 1.3).floor() % 2.0 < 1.0 { 1.0 } else { -0.6 };
+    let model = Model::from_text("model.fdm", TEXT).unwrap();
+    let found = |offset: f64| {
+        let mut run = run(TEXT, "r", steps, &[], 0.0);
+        let (n, mut normal) = (run.len(), Stream::seeded(7));
+        for k in 1..n {
+            // cosines of the power 1/k, in the unit of the bins
+            let size = 0.02 * normal.normal_of_pair() / (k as f64).sqrt();
+            let wave = |i: usize| (std::f64::consts::PI * k as f64 * (i as f64 + 0.5) / n as f64).cos();
+            run.measured.iter_mut().enumerate().for_each(|(i, y)| *y += size * wave(i));
+        }
+        run.measured.iter_mut().for_each(|y| *y += offset);
+        diagnose(&model, &[run], &[], &catalogue(), &DiagnosisOptions::default(), &|_| ()).unwrap()
+    };
+    assert_eq!(found(0.0).verdict, Verdict::NoEffectFound);
+    // nothing in this catalogue is a zero: a force alone would move the gain too
+    let off = found(0.25);
+    assert_ne!(off.verdict, Verdict::NoEffectFound, "{off:#?}");
+    if off.verdict == Verdict::UnknownCause {
+        let warnings = &off.attribution.as_ref().unwrap().warnings;
+        assert!(warnings.iter().any(|w| w.contains("times the noise of the record")), "{warnings:?}");
+    }
+}
+
 /// Wherever it is stopped, a search keeps what it has and says that it was stopped.
 #[test]
 fn a_search_that_is_stopped_says_so_and_keeps_what_it_has() {

@@ -10,7 +10,8 @@ use fdm_estimate::Response;
 use fdm_numeric::fourier::CosineTransform;
 use fdm_system::record::Run;
 use fdm_system::simulate::{Block, Divergence, RowLayout, Simulator, Sink};
-use std::sync::Arc;
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex};
 
 /// Samples that are handed over at once.
 const BLOCK: usize = 64;
@@ -43,7 +44,8 @@ impl OutputWhitener {
         let n = samples.len();
         let dt = interval(run) * spacing(&samples);
         let orthonormal = |k: usize| if k == 0 { 1.0 / n as f64 } else { 2.0 / n as f64 };
-        let weight = (0..n).map(|k| orthonormal(k).sqrt() / noise.deviation(o, k, n, dt)).collect();
+        let deviations = noise.deviations(o, n, dt);
+        let weight = deviations.iter().enumerate().map(|(k, deviation)| orthonormal(k).sqrt() / deviation).collect();
         let log_frequency = (0..n).map(|k| (ordinal(k) / (2.0 * n as f64 * dt)).ln()).collect();
         let deviations = noise.growth(o).map(|growth| growth.deviations(&run.measured, (o, q)));
         Self { dct: Some(CosineTransform::new(n.max(1))), samples, weight, log_frequency, deviations }
@@ -243,12 +245,31 @@ pub(super) struct CommonNoise {
     validation: Option<Arc<CommonNoise>>,
     /// How the noise of each output grows with its signal; empty where none does.
     growth: Arc<[Option<Growth>]>,
+    known: KnownDeviations,
+}
+
+/// Deviations of the bins of an output in runs of one length and interval (its bits), found once: every fit by a noise asks for them.
+#[derive(Debug, Default)]
+struct KnownDeviations(Mutex<BTreeMap<(usize, usize, u64), Arc<[f64]>>>);
+
+impl Clone for KnownDeviations {
+    /// Nothing: what is made from a noise may be another noise.
+    fn clone(&self) -> Self {
+        Self::default()
+    }
 }
 
 impl CommonNoise {
     pub(super) fn new(spectra: &[LogSpectrum], dropped: usize) -> Self {
-        let growth = Arc::new([]);
-        Self { spectra: spectra.to_vec(), bounds: Vec::new(), dropped, excess: Vec::new(), validation: None, growth }
+        Self {
+            spectra: spectra.to_vec(),
+            bounds: Vec::new(),
+            dropped,
+            excess: Vec::new(),
+            validation: None,
+            growth: Arc::new([]),
+            known: KnownDeviations::default(),
+        }
     }
 
     /// The same noise, whose deviation grows with the signals: the spectra are those of what is left of it then.
@@ -300,10 +321,19 @@ impl CommonNoise {
         self.excess.get(output).map_or(1.0, |s| s.at(log_frequency))
     }
 
-    /// Standard deviation of the noise in bin `k` of `n` of an output, with so much time between samples.
+    /// Standard deviations of the noise in all `n` bins of an output, with so much time between samples.
+    fn deviations(&self, output: usize, n: usize, interval: f64) -> Arc<[f64]> {
+        let find = || (0..n).map(|k| self.deviation(output, k, n, interval)).collect();
+        match self.known.0.lock() {
+            Ok(mut known) => known.entry((output, n, interval.to_bits())).or_insert_with(find).clone(),
+            Err(_) => find(),
+        }
+    }
+
+    /// The same of bin `k`.
     ///
     /// Bins that screening leaves out keep a small weight, as if the noise rose with the inverse square of the frequency.
-    pub(super) fn deviation(&self, output: usize, k: usize, n: usize, interval: f64) -> f64 {
+    fn deviation(&self, output: usize, k: usize, n: usize, interval: f64) -> f64 {
         let known = ordinal(k.max(self.dropped));
         let frequency = known / (2.0 * n as f64 * interval);
         let rise = known / ordinal(k);

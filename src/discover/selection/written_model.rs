@@ -13,6 +13,13 @@ use std::ops::Range;
 
 /// Digits of an estimate in the text.
 const DIGITS: usize = 6;
+/// Ratio of squared errors up to which they are alike: in the three digits of a root mean square that are told, no more than the last differs.
+const ALIKE: f64 = 1.002;
+
+/// That a model's squared error is so many times that of the model as it was given, in per cent of its root; none where it is no worse.
+pub(super) fn larger(ratio: f64) -> Option<f64> {
+    (ratio.is_nan() || ratio > ALIKE).then(|| 100.0 * (ratio.sqrt() - 1.0))
+}
 
 /// A model at the values that stand in its text.
 pub(super) struct WrittenModel {
@@ -35,11 +42,8 @@ impl WrittenModel {
     /// Why it cannot be recommended, in words.
     pub(super) fn objection(&self) -> Option<String> {
         let whose = if self.validation.is_some() { "validation" } else { "fitted" };
-        let percent = 100.0 * (self.ratio().sqrt() - 1.0);
-        let larger = self.ratio().is_nan() || self.ratio() > 1.0;
-        larger.then(|| {
-            format!("the residual of the written model is {percent:.1} % larger on {whose} runs than without it")
-        })
+        let percent = larger(self.ratio())?;
+        Some(format!("the residual of the written model is {percent:.1} % larger on {whose} runs than without it"))
     }
 }
 
