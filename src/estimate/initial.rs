@@ -143,6 +143,10 @@ mod tests {
             initial_by_param: none(3),
             tau_by_param: none(1),
             limits_by_param: none(0),
+            events_by_state: none(0),
+            events_by_input: none(0),
+            events_by_param: none(0),
+            events_by_time: none(0),
         };
         Shown(Layout {
             states: 3,
@@ -162,6 +166,7 @@ mod tests {
             limited: Vec::new(),
             limits: 0..0,
             limits_by_param: 0..0,
+            events: Vec::new(),
             observed: Vec::new(),
             affine: Default::default(),
             stage: Default::default(),

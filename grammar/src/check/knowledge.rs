@@ -6,7 +6,7 @@ use super::kinds::{Kinds, Level};
 use super::names::{Scope, Symbol, SymbolId};
 use crate::diagnostic::{Code, Diagnostic, nearest};
 use crate::graph::Signal;
-use crate::model::{Limits, Prior};
+use crate::model::{Limits, Prior, Reset};
 use crate::op::ExprId;
 use crate::source::Span;
 use crate::syntax::{Expr, ExprRef, Limited, Name, Role, StatementKind, Value, When};
@@ -329,7 +329,7 @@ fn is_estimable(role: Role) -> bool {
     matches!(role, Role::Param | Role::State)
 }
 
-/// The priors by parameter of the model, the noise by output, its intensity by state, the trim by state or input.
+/// The priors by parameter of the model, the noise by output, its intensity, limits and events by state, the trim by state or input.
 #[derive(Default)]
 pub(super) struct Knowledge {
     pub(super) process: Vec<(u32, ExprId)>,
@@ -338,6 +338,7 @@ pub(super) struct Knowledge {
     pub(super) noise: Vec<(u32, f64)>,
     pub(super) noise_models: Vec<(u32, ExprId)>,
     pub(super) limits: Vec<(u32, Limits)>,
+    pub(super) resets: Vec<(u32, Reset)>,
 }
 
 /// The numbers behind all statements, checked: deviations are positive, and what they are about is estimated.

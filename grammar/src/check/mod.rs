@@ -97,7 +97,8 @@ fn passes(tree: &SyntaxTree, findings: &mut Vec<Diagnostic>) -> Option<Model> {
     let limits = limits::read(scope, &kinds, &indices, &expressions, &known, &start, findings);
     let rates = rates::solve(scope, &equations, &kinds, &indices, &mut expressions, (&params, &limits), findings);
     let resets = events::read(scope, &kinds, &indices, &mut expressions, &known, findings);
-    let knowledge = knowledge::values(scope, &kinds, &indices, &expressions, &known, findings);
+    let mut knowledge = knowledge::values(scope, &kinds, &indices, &expressions, &known, findings);
+    knowledge.resets = resets;
     start::check(scope, &kinds, &expressions, &known, &start, findings);
     let checked = units::Checked {
         scope,
@@ -119,7 +120,7 @@ fn passes(tree: &SyntaxTree, findings: &mut Vec<Diagnostic>) -> Option<Model> {
         return None;
     }
     let ties = model::ties(&blocks, &indices, &expressions);
-    let model = model::assemble(scope, &rates, &kinds, &indices, expressions, (params, ties), knowledge, resets);
+    let model = model::assemble(scope, &rates, &kinds, &indices, expressions, (params, ties), knowledge);
     events::without_delays(scope, &model, findings);
     records::circular(scope, &model, findings);
     let tied = ties::tied(scope, &model, &bonds, findings);

@@ -9,8 +9,8 @@ use super::names::{Scope, Symbol, SymbolId};
 use super::order::{Block, Blocks, Owner};
 use crate::graph::{Graph, Leaf, Node, Reference, Signal};
 use crate::model::{
-    Derived, Input, Model, Origin, Output, Param, Quantity, Reset, Slope, State, Table, TableArgument, TableCalls,
-    TableNode, Tie,
+    Derived, Input, Model, Origin, Output, Param, Quantity, Slope, State, Table, TableArgument, TableCalls, TableNode,
+    Tie,
 };
 use crate::op::{Build, ExprId};
 use crate::syntax::{Argument, ExprRef, Name, Role, StatementKind, Value};
@@ -109,7 +109,6 @@ pub(super) fn assemble(
     expressions: Expressions,
     (params, ties): (Vec<Param>, Vec<Tie>),
     knowledge: Knowledge,
-    resets: Vec<(u32, Reset)>,
 ) -> Model {
     let value = |symbol: &Symbol<'_>| match symbol.declaration.value {
         Some(Value::Expr(root)) => Some(expressions.of(root)),
@@ -171,7 +170,6 @@ pub(super) fn assemble(
     }
     model.graph = graph;
     learn(&mut model, knowledge);
-    resets.into_iter().for_each(|(state, reset)| model.states[state as usize].resets.push(reset));
     limits::stop(&mut model);
     show_slopes(&mut model, indices.inputs as usize);
     drop_unused_delays(&mut model);
@@ -239,6 +237,9 @@ fn learn(model: &mut Model, knowledge: Knowledge) {
     model.trim = knowledge.trim;
     for (k, limits) in knowledge.limits {
         model.states[k as usize].limits = Some(limits);
+    }
+    for (k, reset) in knowledge.resets {
+        model.states[k as usize].resets.push(reset);
     }
 }
 

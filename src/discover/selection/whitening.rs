@@ -248,9 +248,17 @@ pub(super) struct CommonNoise {
     known: KnownDeviations,
 }
 
-/// Deviations of the bins of an output in runs of one length and interval (its bits), found once: every fit by a noise asks for them.
+/// Deviations of bins, found once: every fit by a noise asks for them.
 #[derive(Debug, Default)]
-struct KnownDeviations(Mutex<BTreeMap<(usize, usize, u64), Arc<[f64]>>>);
+struct KnownDeviations(Mutex<BTreeMap<Bins, Arc<[f64]>>>);
+
+/// Which bins: those of an output, in runs of so many samples at this interval (its bits).
+#[derive(Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Bins {
+    output: usize,
+    samples: usize,
+    interval: u64,
+}
 
 impl Clone for KnownDeviations {
     /// Nothing: what is made from a noise may be another noise.
@@ -325,7 +333,10 @@ impl CommonNoise {
     fn deviations(&self, output: usize, n: usize, interval: f64) -> Arc<[f64]> {
         let find = || (0..n).map(|k| self.deviation(output, k, n, interval)).collect();
         match self.known.0.lock() {
-            Ok(mut known) => known.entry((output, n, interval.to_bits())).or_insert_with(find).clone(),
+            Ok(mut known) => {
+                let bins = Bins { output, samples: n, interval: interval.to_bits() };
+                known.entry(bins).or_insert_with(find).clone()
+            }
             Err(_) => find(),
         }
     }
