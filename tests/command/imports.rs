@@ -506,7 +506,7 @@ measurement_files: [measurements.tsv]
     ]);
     desk.good("import p.yaml -o p");
     // the closed form; a sample at the change shows what stands behind it
-    let (rate, jump) = (0.35 * 0.5, 4.0 * (-0.35 * 0.5 * 1.5_f64).exp() + 2.0);
+    let (rate, jump) = (0.35 * 0.5_f64, 4.0 * (-0.35 * 0.5 * 1.5_f64).exp() + 2.0);
     let predicted = [4.0 * (-rate).exp(), 4.0 * (-2.0 * rate).exp(), jump, 1.1 * jump * (-1.5 * 0.5_f64).exp()];
     let log_likelihood: f64 = [3.1_f64, 2.4, 5.0, 2.0]
         .iter()

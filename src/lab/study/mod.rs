@@ -9,8 +9,6 @@
 mod bootstrap;
 mod disturbance;
 mod profile;
-#[cfg(test)]
-mod profile_tests;
 mod series;
 mod study_error;
 mod system;

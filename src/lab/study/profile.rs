@@ -415,3 +415,7 @@ fn others(estimate: &Estimate, parameter: &ParameterEstimate) -> Vec<(String, f6
     let other = free.filter(|p| p.name != parameter.name);
     other.map(|p| (p.run.as_ref().map_or(p.name.clone(), |run| format!("{} of {run}", p.name)), p.value)).collect()
 }
+
+#[cfg(test)]
+#[path = "profile_tests.rs"]
+mod tests;
