@@ -2,24 +2,16 @@
 
 use crate::deliver::write;
 use crate::failure::{Ending, Failure, OrFailure, ended, print_data, remark};
-#[cfg(feature = "petab")]
-use crate::failure::{Unwritten, at};
 use crate::load::ModelOrResult;
 use crate::modes::with_estimates;
 use crate::ownership::Overwriting;
-#[cfg(feature = "petab")]
-use crate::simulate::fitted_runs;
 use clap::{Args, ValueEnum};
 use fdm_exchange::fmu::{self, Contents, Version};
 use fdm_exchange::jsbsim::system;
 use fdm_exchange::source::source;
 use fdm_exchange::state_space::StateSpace;
 use fdm_grammar::emit::{Elementary, Language};
-#[cfg(feature = "petab")]
-use fdm_results::store::{make_folder, write_new_file};
 use fdm_system::Model;
-#[cfg(feature = "petab")]
-use fdm_system::record::Run;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -40,7 +32,7 @@ pub(crate) struct Arguments {
     /// Library that goes into a unit [default: beside this program; `cargo build --release --package fdm-fmu` builds it]
     #[arg(long, value_name = "FILE")]
     library: Option<PathBuf>,
-    /// The file, or the folder of a problem; `-` for standard output, where it is text
+    /// The file; `-` for standard output, where it is text
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     /// Read by the rule for files that are written over others.
@@ -61,8 +53,6 @@ enum To {
     Control,
     /// System of JSBSim
     Jsbsim,
-    /// Folder with a problem of PEtab, version 1: SBML and tables, of a result with its records
-    Petab,
 }
 
 /// The model with the values that it is used with, and standard errors by name: those of a run of a result, where one is given.
@@ -86,12 +76,6 @@ pub(crate) fn with_values(
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
     let file = arguments.output.as_deref().filter(|path| *path != Path::new("-"));
-    if arguments.to == To::Petab {
-        let Some(folder) = file else {
-            return Err(Failure::input(["a problem of PEtab is a folder: name it with -o DIR"]));
-        };
-        return problem(&arguments.model, folder);
-    }
     let (model, errors) = with_values(&arguments.model, arguments.like.as_deref())?;
     let text = match arguments.to {
         To::Fmu => {
@@ -103,8 +87,6 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         To::C => source(&model, &Language::C).or_failure()?,
         To::Rust => source(&model, &Language::Rust(Elementary::Path("libm".into()))).or_failure()?,
         To::Jsbsim => system(&model).or_failure()?,
-        // written before
-        To::Petab => String::new(),
         To::Control => {
             let found = StateSpace::of(&model).or_failure()?;
             if !found.delays.is_empty() {
@@ -135,58 +117,6 @@ fn unit(arguments: &Arguments, (model, errors): (&Model, &BTreeMap<String, f64>)
     let version = if arguments.fmi == 2 { Version::Two } else { Version::Three };
     let written = fmu::write(&Contents { model, version, library: &bytes, errors }).or_failure()?;
     write(path, written)?;
-    ended(true)
-}
-
-#[cfg(not(feature = "petab"))]
-fn problem(_: &ModelOrResult, folder: &Path) -> Ending {
-    let what = "this build of fdm writes no problems of PEtab: build it with `--features petab`";
-    Err(Failure::input([format!("{}: {what}", folder.display())]))
-}
-
-/// A result and the records that it was made from.
-#[cfg(feature = "petab")]
-fn problem(subject: &ModelOrResult, folder: &Path) -> Ending {
-    if folder.symlink_metadata().is_ok() {
-        return Err(Failure::input([format!("{}: exists already, and is not overwritten", folder.display())]));
-    }
-    let (model, result) = subject.load()?;
-    let (model, Some(result)) = (subject.changed(&model)?, result) else {
-        return Err(Failure::input([fdm_petab::Unsuited::NoRuns]));
-    };
-    let runs = fitted_runs(&result, None, &model)?;
-    let runs: Vec<Run> =
-        runs.iter().map(|r| r.with_measured(model.definition())).collect::<Result<_, _>>().or_failure()?;
-    let thetas: Vec<Vec<f64>> =
-        runs.iter().map(|r| result.theta(&model, &r.name, None)).collect::<Result<_, _>>().or_failure()?;
-    let covariance = result.result().fit().and_then(|fit| fit.noise_covariance.clone());
-    let row = |o: usize| covariance.as_ref().and_then(|c| c.get(o));
-    let coupled = (0..model.layout().outputs)
-        .any(|o| row(o).is_some_and(|r| r.iter().enumerate().any(|(k, v)| k != o && *v != 0.0)));
-    if coupled {
-        let what = "the noise of the outputs is correlated (--noise full), which PEtab has no place for";
-        return Err(Failure::input([what]));
-    }
-    let deviations: Vec<Option<f64>> =
-        (0..model.layout().outputs).map(|o| row(o).and_then(|r| r.get(o)).map(|v| v.sqrt())).collect();
-    let records: Vec<fdm_petab::Record<'_>> = runs
-        .iter()
-        .zip(&thetas)
-        .map(|(run, theta)| fdm_petab::Record {
-            name: &run.name,
-            time: &run.time,
-            inputs: &run.inputs,
-            held: &run.held,
-            measured: &run.measured,
-            theta,
-        })
-        .collect();
-    let files = fdm_petab::problem(model.definition(), &records, &deviations).or_failure()?;
-    make_folder(folder).map_err(|e| Unwritten(at(folder, &e)))?;
-    for file in &files {
-        let path = folder.join(&file.path);
-        write_new_file(&path, file.text.as_bytes()).map_err(|e| Unwritten(at(&path, &e)))?;
-    }
     ended(true)
 }
 

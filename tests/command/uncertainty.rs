@@ -132,7 +132,7 @@ fn bands_lie_around_the_response_and_hold() {
 #[test]
 fn draws_agree_with_the_fit_where_that_is_normal_and_arviz_reads_them() {
     let desk = desk();
-    let words = "sample result --chains 2 --draws 400 --warmup 200 --seed 5 --arviz draws.json --bands --json -q";
+    let words = "sample result --chains 2 --draws 1000 --warmup 200 --seed 5 --arviz draws.json --bands --json -q";
     let (code, text, error) = ran(&desk, &split(words));
     assert!(code == 0, "{error}");
     let found = json(&text);
@@ -149,14 +149,14 @@ fn draws_agree_with_the_fit_where_that_is_normal_and_arviz_reads_them() {
     assert_eq!(found["bands"][0]["response"][0].as_array().unwrap().len(), 200);
     let draws = json(&desk.text("draws.json"));
     assert_eq!(draws["posterior"]["k"].as_array().unwrap().len(), 2);
-    assert_eq!(draws["posterior"]["bias[one]"][0].as_array().unwrap().len(), 400);
-    assert_eq!(draws["sample_stats"]["diverging"][1].as_array().unwrap().len(), 400);
+    assert_eq!(draws["posterior"]["bias[one]"][0].as_array().unwrap().len(), 1000);
+    assert_eq!(draws["sample_stats"]["diverging"][1].as_array().unwrap().len(), 1000);
     let again = "sample result --chains 2 --draws 50 --warmup 50 --seed 5 --json -q";
     let with = |threads: &str| ran(&desk, &split(&format!("{again} --threads {threads}"))).1;
     assert_eq!(with("1"), with("2"));
     let (code, _, error) = ran(&desk, &split("sample result --arviz draws.json"));
     assert!(code == 2 && error.contains("exists already"), "{error}");
-    let page = "sample result --chains 2 --draws 400 --warmup 200 --seed 5 --report page.html";
+    let page = "sample result --chains 2 --draws 1000 --warmup 200 --seed 5 --report page.html";
     let (_, text, _) = ran(&desk, &split(page));
     assert!(text.lines().nth(1).unwrap().starts_with("the chains agree"), "{text}");
     let page = desk.text("page.html");

@@ -8,7 +8,6 @@ use super::predictor::{Predictor, tolerance};
 use super::projection::{Projected, Projection};
 use super::whitening::CommonNoise;
 use crate::screening::Shape;
-use fdm_grammar::effect::Kind;
 use fdm_grammar::syntax::Class;
 use fdm_system::model::Model;
 use fdm_system::simulate::{choose_steps_within, integration_error};
@@ -40,7 +39,7 @@ const FACTOR: f64 = 1.5;
 const STEPS: usize = 6;
 /// Iterations of a fit, and what one of them must predicted gain.
 const WHOLE: usize = 25;
-pub(super) const FINE: f64 = 0.01;
+const FINE: f64 = 0.01;
 
 /// An effect that was fitted jointly with the model.
 pub(super) struct CandidateModel {
@@ -63,8 +62,6 @@ pub(super) struct CandidateModel {
     pub(super) cost: usize,
     /// What kind of explanation it is.
     pub(super) class: Class,
-    /// Whether it has a limit or a width, and its numbers, those that are fixed too: what is simpler comes first among equals.
-    pub(super) shape: (bool, usize),
     /// Starts that were not followed, the best first.
     others: Vec<Vec<Vec<f64>>>,
 }
@@ -312,10 +309,6 @@ impl ForwardStep<'_> {
             direction,
             cost,
             class: attached.candidate.effect().class(),
-            shape: (
-                attached.candidate.kind() == Kind::Finite,
-                attached.params().iter().filter(|p| p.begins_as.is_none()).count(),
-            ),
             others,
         })
     }

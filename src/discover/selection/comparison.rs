@@ -7,7 +7,7 @@
 //! much, whatever the model; by the first runs' noise they would decide alone which model holds. So a band in which every model that is
 //! compared leaves far more than that noise is given what the best of them leaves there.
 
-use super::candidate_model::{CandidateModel, FINE};
+use super::candidate_model::CandidateModel;
 use super::error::DiagnosisError;
 use super::fitted_model::{records, shared_from};
 use super::fitting::{FitProblem, Fitting};
@@ -244,11 +244,10 @@ impl ForwardStep<'_> {
     }
 }
 
-/// Of scores that differ by no more than what fits end with, the simplest effect comes first, then the catalogue's order decides: |x| x where x is
-/// positive is x^2, and a dead zone of an input of one sign is a constant force.
+/// Of scores that differ by rounding only (|x| x where x is positive is x^2) the catalogue's order decides.
 fn sort(models: &mut [CandidateModel]) {
-    let of = |c: &CandidateModel| (c.score() / FINE).round();
-    models.sort_by(|a, b| of(b).total_cmp(&of(a)).then(a.shape.cmp(&b.shape)).then(a.candidate.cmp(&b.candidate)));
+    let of = |c: &CandidateModel| (c.score() * 1e4).round();
+    models.sort_by(|a, b| of(b).total_cmp(&of(a)).then(a.candidate.cmp(&b.candidate)));
 }
 
 /// A model on the validation runs: its predictors to them and all parameters there.
