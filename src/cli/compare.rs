@@ -19,7 +19,7 @@ use std::path::PathBuf;
 /// What `fdm compare` takes.
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
-    /// Result folders that `fdm fit --out` wrote; the first is the reference for the others. A folder of `fdm diagnose --out` stands for its best models, which are fitted anew
+    /// Result folders that `fdm fit --out` wrote; the first is the reference for the others. A folder of `fdm diagnose --out` gives its best models, each refitted
     #[arg(value_name = "RESULT", required = true, num_args = 1..)]
     results: Vec<PathBuf>,
     /// Validation data: runs that none of them was fitted to, or patterns; may be given several times

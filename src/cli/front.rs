@@ -5,25 +5,15 @@ use crate::effects::{Effects, Sampling, subject_of, with_effects};
 use crate::failure::{Failure, OrFailure, remark};
 use crate::load::{assignment, read_runs};
 use crate::progress::Progress;
+use crate::tasks::said;
 use fdm_discover::EffectAt;
 use fdm_estimate::{Changes, FitOptions, fit};
+use fdm_grammar::effect::Catalogue;
 use fdm_results::documents::{DiagnosisDocument, from_text};
 use fdm_results::store::{Contents, DataFile, Manifest, ResultError, ResultFolder, whole_files};
 use fdm_system::Model;
 use fdm_system::record::{ReadOptions, Run};
 use std::path::{Path, PathBuf};
-
-/// What is wrong, in a sentence.
-fn told(failure: &Failure) -> String {
-    match failure {
-        Failure::Model(e) => e.to_string(),
-        Failure::Input(reasons) => reasons.join("; "),
-        Failure::Numbers(reason) => reason.clone(),
-        Failure::Records(errors) => errors.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "),
-        Failure::Strict => "its records have findings".into(),
-        Failure::Unwritten(file) => file.to_string(),
-    }
-}
 
 /// Most alternatives of a cause that are fitted beside it.
 const ALTERNATIVES: usize = 4;
@@ -34,6 +24,16 @@ pub(crate) struct Diagnosed {
     manifest: Manifest,
     document: DiagnosisDocument,
     text: String,
+}
+
+/// What all models of a diagnosis are made from.
+struct Given {
+    catalogue: Catalogue,
+    changes: Changes,
+    files: Vec<RecordFile>,
+    /// The model as it was given, and its runs.
+    model: Model,
+    runs: Vec<Run>,
 }
 
 impl Diagnosed {
@@ -117,17 +117,18 @@ impl Diagnosed {
         Ok(changes)
     }
 
-    /// The model with effects, its new parameters where the diagnosis found them.
-    fn model(&self, effects: &[EffectAt], (own, sampling): (&Effects, Sampling)) -> Result<Model, Failure> {
+    /// The model as a text says it.
+    fn made(&self, text: &str) -> Result<Model, Failure> {
         let name = self.folder.join("model.fdm").display().to_string();
-        let made = |text: &str| -> Result<Model, Failure> {
-            let model = Model::from_texts(name.as_str(), text, &[])?.grouped(self.manifest.groups.clone())?;
-            Ok(model.untied(&self.manifest.untied).unwrap_or(model))
-        };
-        let given = made(&self.text)?;
+        let model = Model::from_texts(name.as_str(), text, &[])?.grouped(self.manifest.groups.clone())?;
+        Ok(model.untied(&self.manifest.untied).unwrap_or(model))
+    }
+
+    /// The model with effects, its new parameters where the diagnosis found them.
+    fn extended(&self, effects: &[EffectAt], given: &Given) -> Result<Model, Failure> {
         let wanted: Vec<String> = effects.iter().map(ToString::to_string).collect();
-        let extended = with_effects(subject_of(&given)?, &wanted, &own.read()?, sampling)?;
-        let model = if wanted.is_empty() { given } else { made(extended.source().text())? };
+        let extended = with_effects(subject_of(&given.model)?, &wanted, &given.catalogue, Sampling::of(&given.runs))?;
+        let model = self.made(extended.source().text())?;
         let mut params = model.definition().params.clone();
         let known = |name: &str| self.document.causes.iter().flat_map(|c| &c.parameters).find(|p| p.name == name);
         for param in params.iter_mut().filter(|p| !p.is_recorded()) {
@@ -150,17 +151,25 @@ impl Diagnosed {
                 self.folder.display()
             )]));
         }
-        let files = self.files(Role::Fit)?;
-        let changes = self.changes()?;
+        let (files, model) = (self.files(Role::Fit)?, self.made(&self.text)?);
+        let runs = read_runs(&files, &model, &[], true)?;
+        let given = Given { catalogue: effects.read()?, changes: self.changes()?, files, model, runs };
         let mut results = Vec::new();
-        for models in self.models() {
-            let names: Vec<String> = models.iter().map(ToString::to_string).collect();
+        for effects in self.models() {
+            let names: Vec<String> = effects.iter().map(ToString::to_string).collect();
             let name = if names.is_empty() { "as given".to_string() } else { names.join(" + ") };
             progress.say(&format!("fitting {name}"));
-            let found = self.result(&name, &models, (effects, &files, &changes), progress);
+            let found = match effects.is_empty() {
+                true => self.result(&name, &given.model, (&given.runs, &given.changes), progress),
+                false => self.extended(&effects, &given).and_then(|model| {
+                    // an effect may have made inputs or outputs of its own
+                    let runs = read_runs(&given.files, &model, &[], true)?;
+                    self.result(&name, &model, (&runs, &given.changes), progress)
+                }),
+            };
             match found {
                 Ok(found) => results.push(found),
-                Err(e) => remark(format_args!("note: {name} is left out: {}", told(&e))),
+                Err(e) => remark(format_args!("note: {name} is left out: {}", said(&e))),
             }
         }
         Ok(results)
@@ -169,18 +178,13 @@ impl Diagnosed {
     fn result(
         &self,
         name: &str,
-        models: &[EffectAt],
-        (effects, files, changes): (&Effects, &[RecordFile], &Changes),
+        model: &Model,
+        (runs, changes): (&[Run], &Changes),
         progress: &mut Progress,
     ) -> Result<(ResultFolder, Model), Failure> {
-        let given = self.model(&[], (effects, Sampling { step: 1.0, duration: 1.0 }))?;
-        let runs = read_runs(files, &given, &[], true)?;
-        let model = self.model(models, (effects, Sampling::of(&runs)))?;
-        // an effect may have made inputs or outputs of its own
-        let runs: Vec<Run> = if models.is_empty() { runs } else { read_runs(files, &model, &[], true)? };
-        let options = FitOptions { changes: changes.clone(), ..FitOptions::default() }.with_declared_noise(&model);
-        let found = fit(&model, &runs, &options, progress).or_failure()?;
-        let mut contents = Contents::of_fit(&found, &runs, &options);
+        let options = FitOptions { changes: changes.clone(), ..FitOptions::default() }.with_declared_noise(model);
+        let found = fit(model, runs, &options, progress).or_failure()?;
+        let mut contents = Contents::of_fit(&found, runs, &options);
         contents.manifest.data = self.data(Role::Fit).cloned().collect();
         contents.manifest.reading = self.manifest.reading.clone();
         let folder = ResultFolder::from_files(name, &contents.files().or_failure()?).or_failure()?;

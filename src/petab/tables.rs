@@ -1,5 +1,6 @@
 //! The tables of a PEtab problem, with the place of every cell for messages.
 
+use crate::formula::formula;
 use crate::version_two::{Change, Tables, unified};
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -74,7 +75,7 @@ pub(crate) struct Problem {
     pub(crate) measurements: Vec<Row>,
     /// Columns of the table of conditions beside its own.
     pub(crate) overridden: Vec<String>,
-    /// What changes in the middle of experiments (version 2).
+    /// What changes in the middle of experiments: the first changes of all, the second ones, ... (version 2).
     pub(crate) changes: Vec<Change>,
     /// Whether a value that was set before the experiment stays where nothing new is set (version 2).
     pub(crate) persists: bool,
@@ -111,6 +112,17 @@ impl Row {
     pub(crate) fn number(&self, column: &str) -> Result<f64, String> {
         let text = self.need(column)?;
         number(text).ok_or_else(|| self.says(column, &format!("`{text}` is not a number")))
+    }
+
+    /// That a cell is a number or a formula, where it is not empty.
+    ///
+    /// # Errors
+    /// What a formula would need, and where.
+    pub(crate) fn is_value(&self, column: &str) -> Result<(), String> {
+        match self.get(column).filter(|text| number(text).is_none()) {
+            Some(text) => formula(text).map(drop).map_err(|e| self.says(column, &e)),
+            None => Ok(()),
+        }
     }
 
     /// A row of these cells that stands where another does.
@@ -251,6 +263,8 @@ impl Problem {
         let needed = ["observableId", "simulationConditionId", "measurement", "time"];
         let measurements = rows(&files.measurement_files, &needed, &mut none);
         overridden.retain(|c| c != "conditionId" && c != "conditionName");
+        let values = conditions.iter().flat_map(|row| overridden.iter().map(|column| row.is_value(column)));
+        wrong.extend(values.filter_map(Result::err));
         let sbml = read(&folder.join(sbml_file)).map_err(|e| wrong.push(e)).unwrap_or_default();
         if !wrong.is_empty() {
             return Err(wrong);
@@ -299,17 +313,6 @@ impl Problem {
         if !wrong.is_empty() {
             return Err(wrong);
         }
-        let found = unified(&tables)?;
-        Ok(Self {
-            sbml_file: model.location.clone(),
-            sbml,
-            parameters: found.parameters,
-            conditions: found.conditions,
-            observables: found.observables,
-            measurements: found.measurements,
-            overridden: found.overridden,
-            changes: found.changes,
-            persists: true,
-        })
+        unified(&tables, (model.location.clone(), sbml))
     }
 }

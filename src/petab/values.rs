@@ -14,6 +14,7 @@ pub(crate) fn cell(row: &Row, column: &str) -> Option<Expr> {
     match number(text) {
         Some(value) => Some(Expr::Number(value)),
         None if text.eq_ignore_ascii_case("nan") => None,
+        // tables are read with formulas that can be read
         None => Some(formula(text).unwrap_or_else(|_| name(text))),
     }
 }

@@ -3,7 +3,7 @@
 //! There conditions stand in long form, experiments say when each begins, placeholders have names of their own, and there are no scales
 //! (PEtab 2.0: <https://petab.readthedocs.io/en/latest/v2/documentation_data_format.html>).
 
-use crate::tables::Row;
+use crate::tables::{Problem, Row};
 use std::collections::BTreeMap;
 
 /// Tables of version 2.
@@ -26,19 +26,6 @@ pub(crate) struct Change {
     pub(crate) by_experiment: BTreeMap<String, Setting>,
 }
 
-/// The same in the form of version 1.
-pub(crate) struct Unified {
-    pub(crate) parameters: Vec<Row>,
-    /// Wide: a row for each experiment, and one for what holds before it.
-    pub(crate) conditions: Vec<Row>,
-    pub(crate) observables: Vec<Row>,
-    pub(crate) measurements: Vec<Row>,
-    /// Names that conditions set when an experiment begins.
-    pub(crate) overridden: Vec<String>,
-    /// The first changes of all experiments, the second ones, ...
-    pub(crate) changes: Vec<Change>,
-}
-
 /// A stretch of an experiment.
 struct Period<'a> {
     time: f64,
@@ -49,11 +36,12 @@ struct Period<'a> {
 /// The name of what is simulated without an experiment.
 const PLAIN: &str = "simulation";
 
-/// Rewrites the tables.
+/// The tables as those of version 1, in which a row of the conditions is an experiment, or what holds before it; beside the name of the SBML file
+/// and its text.
 ///
 /// # Errors
 /// Every row that cannot be read, or says what is not read.
-pub(crate) fn unified(tables: &Tables) -> Result<Unified, Vec<String>> {
+pub(crate) fn unified(tables: &Tables, (sbml_file, sbml): (String, String)) -> Result<Problem, Vec<String>> {
     let mut wrong = Vec::new();
     let aliases = aliases(&tables.mapping);
     let known = |text: &str| renamed(text, &aliases);
@@ -131,7 +119,17 @@ pub(crate) fn unified(tables: &Tables) -> Result<Unified, Vec<String>> {
     if !wrong.is_empty() {
         return Err(wrong);
     }
-    Ok(Unified { parameters, conditions, observables, measurements, overridden, changes })
+    Ok(Problem {
+        sbml_file,
+        sbml,
+        parameters,
+        conditions,
+        observables,
+        measurements,
+        overridden,
+        changes,
+        persists: true,
+    })
 }
 
 /// Behind the name of an experiment: what holds before it.
@@ -153,6 +151,7 @@ fn period<'a>(
         }
         for condition in own {
             condition.need("targetValue")?;
+            condition.is_value("targetValue")?;
             sets.push((known(condition.need("targetId")?), condition));
         }
     }

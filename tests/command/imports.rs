@@ -317,6 +317,10 @@ fn what_is_not_there_is_refused_in_words() {
         (Problem { sbml: &deep, ..good }, "model.xml: it is not"),
         (Problem { conditions: "condition\nc\n", ..good }, "conditions.tsv: there is no column `conditionId`"),
         (
+            Problem { conditions: "conditionId,k1\nc,B +\n", ..good },
+            "conditions.tsv, line 2, column k1: `B +`: a number, a name or `(` is expected at character 4",
+        ),
+        (
             Problem { conditions: "conditionId\nd\n", ..good },
             "measurements.tsv, line 2, column simulationConditionId: there is no condition `c`",
         ),

@@ -4,7 +4,7 @@ use fdm::estimate::{FitOptions, SpectralOptions, fit, fit_filter, fit_spectra};
 use fdm::record::Run;
 use fdm::simulate::{EventFault, Scheme, Simulator, Steps};
 use fdm::{Model, code};
-use support::model;
+use support::{Normal, model};
 
 const BALL: &str = "model ball {
     param h = 2, g = 9.81, e = 0.8; state x = h, v;
@@ -213,14 +213,9 @@ fn a_thermostat_is_found_from_its_record() {
         THERMOSTAT.replace("a = 0.4, b = 3, high = 4.2, low = 3.1", "a = 0.44, b = 3.2, high = 4.15, low = 3.15");
     let thermostat = model(&started);
     let mut run = run(&thermostat, even(400, 0.05));
-    let mut seed = 7_u64;
-    let mut uniform = || {
-        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (seed >> 11) as f64 / (1_u64 << 53) as f64
-    };
+    let mut noise = Normal(7);
     for (measured, t) in run.measured.iter_mut().zip(&run.time) {
-        let normal = (0..12).map(|_| uniform()).sum::<f64>() - 6.0;
-        *measured = temperature(&truth, *t) + 0.02 * normal;
+        *measured = temperature(&truth, *t) + 0.02 * noise.next();
     }
     let found = fit(&thermostat, &[run], &FitOptions::default(), &mut ()).unwrap();
     assert!(found.estimate.termination.is_good(), "{:?}", found.estimate.termination);

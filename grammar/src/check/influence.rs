@@ -100,8 +100,7 @@ fn reached_params(model: &Model) -> Vec<bool> {
         let mut state = |k: u32| {
             let state = &model.states[k as usize];
             let limits = state.limits.into_iter().flat_map(|l| [l.lower, l.upper]);
-            let resets = state.resets.iter().flat_map(|r| [r.guard, r.value]);
-            open.extend([state.rate, state.initial].into_iter().chain(limits).chain(resets));
+            open.extend([state.rate, state.initial].into_iter().chain(limits).chain(state.of_events()));
         };
         match graph.node(e) {
             Node::Leaf(Leaf::Param(k)) => reached[k as usize] = true,

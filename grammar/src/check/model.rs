@@ -269,7 +269,7 @@ fn show_slopes(model: &mut Model, first: usize) {
         }
         used
     };
-    let resets = model.states.iter().flat_map(|s| &s.resets).flat_map(|r| [r.guard, r.value]);
+    let resets = model.states.iter().flat_map(State::of_events);
     let driving = used(model, model.states.iter().map(|s| s.rate).chain(resets).collect());
     let shown = used(model, model.outputs.iter().flat_map(Output::expressions).collect());
     let mut at_samples: Vec<u32> = (0..model.inputs.len() as u32).collect();

@@ -117,11 +117,15 @@ pub struct Event {
 }
 
 impl State {
+    /// Of the events that set it: guards and values.
+    pub(crate) fn of_events(&self) -> impl Iterator<Item = ExprId> + '_ {
+        self.resets.iter().flat_map(|r| [r.guard, r.value])
+    }
+
     /// All its expressions but the rate.
     pub(crate) fn beside_rate(&self) -> impl Iterator<Item = ExprId> + '_ {
         let limits = self.limits.map(|l| [l.lower, l.upper]);
-        let resets = self.resets.iter().flat_map(|r| [r.guard, r.value]);
-        [self.initial].into_iter().chain(self.noise).chain(limits.into_iter().flatten()).chain(resets)
+        [self.initial].into_iter().chain(self.noise).chain(limits.into_iter().flatten()).chain(self.of_events())
     }
 
     /// The same, to be changed.
@@ -438,7 +442,7 @@ impl Model {
         };
         let limits = |s: &State| s.limits.into_iter().flat_map(|l| [l.lower, l.upper]);
         let states = self.states.iter().flat_map(|s| [s.rate, s.initial].into_iter().chain(limits(s)));
-        let states = states.chain(self.states.iter().flat_map(|s| &s.resets).flat_map(|r| [r.guard, r.value]));
+        let states = states.chain(self.states.iter().flat_map(State::of_events));
         let others = self.outputs.iter().map(|o| o.expr).chain(self.trim.iter().map(|(_, e)| *e));
         let delays = self.graph.delayed().iter().map(|d| d.tau);
         let elsewhere = mentioned(states.chain(others).chain(delays).collect());
@@ -484,7 +488,7 @@ impl Model {
     /// Whether an expression (of rates, outputs or their noise) mentions explicit time.
     pub fn uses_time(&self) -> bool {
         let roots = self.states.iter().map(|s| s.rate).chain(self.outputs.iter().flat_map(Output::expressions));
-        let roots = roots.chain(self.states.iter().flat_map(|s| &s.resets).flat_map(|r| [r.guard, r.value]));
+        let roots = roots.chain(self.states.iter().flat_map(State::of_events));
         let time = self.graph.depends(|l| matches!(l, Leaf::Time | Leaf::Delayed(_)));
         let computed = self.inputs.iter().filter_map(|i| i.computed.as_ref());
         let mut beside =

@@ -152,8 +152,8 @@ pub(super) fn output_gains(
 }
 
 /// How many times its noise an output's error over the training runs may be. The mean of 1/f noise that goes on for a thousand records has 7
-/// times the power of the first bin, all other bins of 500 have 6.8 times as much together: the error is 2.6 times as large one time in a
-/// hundred.
+/// times the power of the first bin, all other bins of 500 have 6.8 times as much together: the error is more than 2.6 times as large 1.7
+/// times in a hundred.
 const PLAIN: f64 = 2.6;
 
 /// Outputs whose plain error on the training runs is more than their noise allows, mean and slow part included, in sentences: what is beyond

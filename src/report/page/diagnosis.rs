@@ -307,7 +307,7 @@ fn front(found: &DiagnosisDocument) -> Option<Section> {
             } } }
         } }
     };
-    Some(Section::new("front", "Best models by size", content))
+    Some(Section::new("best-models", "Best models by size", content))
 }
 
 /// Errors over the number of effects.

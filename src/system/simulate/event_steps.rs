@@ -14,7 +14,7 @@ use super::stops::take_back;
 use super::tangent::TangentPlan;
 use super::trajectory::{Trajectory, finite, two_nodes};
 use crate::dynamics::{Layout, Point, Step, Workspace};
-use fdm_numeric::lanes::{Aligned, Simd, WithSimd, accumulate, dispatch};
+use fdm_numeric::lanes::{Aligned, accumulate};
 
 /// A guard that grows at its instant by less than this part of its growth over the step only touches zero, as far as rounding
 /// tells: where it touches, an error of `eps` moves the instant by the root of that, and the slope is as small.
@@ -61,7 +61,7 @@ fn advance(
     let mut parts = Parts { plan, s, scratch, lanes: *lanes, memory };
     trajectory.across(k, &mut parts)?;
     if memory.whole {
-        dispatch(Tangents { plan, h, stages: &memory.stages, s, scratch });
+        plan.advance(h, &memory.stages, s, scratch);
         trajectory.stops.follow(k, &trajectory.known, s);
     }
     Ok(())
@@ -166,7 +166,7 @@ impl Follower for Parts<'_> {
         let (step, lanes) = (part.step(stretch), *lanes);
         memory.whole = false;
         stretch.dynamics.step_with_partials(step, next, &mut memory.stages, work);
-        dispatch(Tangents { plan, h: step.h, stages: &memory.stages, s, scratch });
+        plan.advance(step.h, &memory.stages, s, scratch);
         memory.held.clear();
         take_back(layout, stretch.known, next, |state, row| memory.held.push((state, row)));
         for (state, row) in &memory.held {
@@ -229,24 +229,5 @@ impl Follower for Parts<'_> {
             s[*state as usize * lanes..][..lanes].copy_from_slice(&memory.rows[k * lanes..][..lanes]);
         }
         true
-    }
-}
-
-/// A step of the sensitivities by itself.
-struct Tangents<'a> {
-    plan: &'a TangentPlan,
-    h: f64,
-    stages: &'a [f64],
-    s: &'a mut [f64],
-    scratch: &'a mut [f64],
-}
-
-impl WithSimd for Tangents<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        let Self { plan, h, stages, s, scratch } = self;
-        plan.step(simd, h, stages, s, scratch);
     }
 }

@@ -9,7 +9,7 @@
 use crate::dynamics::Layout;
 use fdm_grammar::Pattern;
 use fdm_grammar::graph::Signal;
-use fdm_numeric::lanes::{Simd, VECTOR, WithSimd};
+use fdm_numeric::lanes::{Simd, VECTOR, WithSimd, dispatch};
 use std::collections::BTreeSet;
 use std::ops::Range;
 
@@ -163,6 +163,11 @@ impl TangentPlan {
         self.tiles.iter().map(|t| 5 * t.ring * t.vectors * VECTOR).max().unwrap_or(0)
     }
 
+    /// [`Self::step`] by itself, for whoever has no loop that is dispatched.
+    pub(super) fn advance(&self, h: f64, partials: &[f64], s: &mut [f64], scratch: &mut [f64]) {
+        dispatch(Single { plan: self, h, partials, s, scratch });
+    }
+
     /// Advances S (n by lanes) by one step of length h; `partials` are the four rows of `step_with_partials`.
     #[inline(always)]
     pub(super) fn step<S: Simd>(&self, simd: S, h: f64, partials: &[f64], s: &mut [f64], scratch: &mut [f64]) {
@@ -273,7 +278,25 @@ impl Reach {
     }
 }
 
-/// A step of many states: a function of its own too, for it has three callers.
+/// A step by itself.
+struct Single<'a> {
+    plan: &'a TangentPlan,
+    h: f64,
+    partials: &'a [f64],
+    s: &'a mut [f64],
+    scratch: &'a mut [f64],
+}
+
+impl WithSimd for Single<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        self.plan.step(simd, self.h, self.partials, self.s, self.scratch);
+    }
+}
+
+/// A step of many states: a function of its own too, for it has several callers.
 struct Sparse<'a> {
     plan: &'a TangentPlan,
     h: f64,
@@ -531,7 +554,7 @@ mod tests {
 
     use super::*;
     use crate::model::Model;
-    use fdm_numeric::lanes::{Aligned, dispatch};
+    use fdm_numeric::lanes::Aligned;
     use std::fmt::Write;
 
     /// A chain of masses with a lag before it and a meter behind it, in which its parameters do not reach the lag. States of a mass are
@@ -551,23 +574,6 @@ mod tests {
         let last = masses - 1;
         write!(text, "state meter = 0; param b = 1; der(meter) = b*x{last} - meter; output y = meter; }}").unwrap();
         Model::from_text("chain.fdm", &text).unwrap()
-    }
-
-    struct Run<'r> {
-        plan: &'r TangentPlan,
-        h: f64,
-        partials: &'r [f64],
-        s: &'r mut [f64],
-        scratch: &'r mut [f64],
-    }
-
-    impl WithSimd for Run<'_> {
-        type Output = ();
-
-        #[inline(always)]
-        fn with_simd<S: Simd>(self, simd: S) {
-            self.plan.step(simd, self.h, self.partials, self.s, self.scratch);
-        }
     }
 
     /// The step as it is written, all rows and columns of it.
@@ -620,8 +626,8 @@ mod tests {
                     let forced = layout.patterns.rates_by_param.entries();
                     forced.filter_map(|(_, i, j)| stage.by_param(i, j)).for_each(|slot| row[slot] = number());
                 }
-                dispatch(Run { plan: &plan, h: 0.3, partials: &partials, s: &mut s, scratch: &mut scratch });
-                dispatch(Run { plan: &few, h: 0.3, partials: &partials, s: &mut part, scratch: &mut scratch });
+                plan.advance(0.3, &partials, &mut s, &mut scratch);
+                few.advance(0.3, &partials, &mut part, &mut scratch);
                 reference(layout, 0.3, &partials, &mut whole);
             }
             assert!(s.iter().zip(&whole).all(|(a, b)| a.to_bits() == b.to_bits()), "{masses}");
