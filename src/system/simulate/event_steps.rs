@@ -55,7 +55,7 @@ fn advance(
     let (x, next) = two_nodes(nodes, k);
     let step = Step { t, h, x, drive: drive.stages(k), known };
     dynamics.step_with_partials(step, next, &mut memory.stages, work);
-    stops.hold(k, dynamics.layout(), known, next);
+    stops.hold(k, *dynamics, known, next);
     finite(grid, k, next)?;
     memory.whole = true;
     let mut parts = Parts { plan, s, scratch, lanes: *lanes, memory };

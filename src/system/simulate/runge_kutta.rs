@@ -130,7 +130,7 @@ impl Sensitivity {
         let (x, next) = two_nodes(nodes, k);
         let partials = &mut self.partials[k % 2];
         dynamics.step_with_partials(Step { t, h, x, drive: drive.stages(k), known }, next, partials, work);
-        stops.hold(k, dynamics.layout(), known, next);
+        stops.hold(k, *dynamics, known, next);
         finite(grid, k, next)?;
         if !self.rates_by_delay.is_empty() {
             let slopes = drive.stage_slopes(k);

@@ -4,7 +4,7 @@
 //! discrete response is a continuous function of the parameters whose derivative this is. A kink inside a step costs
 //! an error of second order in its length, once for each time that a limit is reached or left.
 
-use crate::dynamics::Layout;
+use crate::dynamics::{Dynamics, Layout};
 
 /// Which limited states were taken back at the ends of the last steps; allocates once.
 #[derive(Debug, Clone, Default)]
@@ -14,6 +14,8 @@ pub(super) struct Stops {
     /// By row of a limit: position of its derivative in `known`, and lane.
     terms: Vec<Vec<(usize, usize)>>,
     lanes: usize,
+    /// Whether the model has limited states: asked in every step.
+    any: bool,
 }
 
 impl Stops {
@@ -26,22 +28,26 @@ impl Stops {
             held: std::array::from_fn(|_| Vec::with_capacity(layout.limited.len())),
             terms: (0..layout.limits.len()).map(row).collect(),
             lanes: stage.lanes,
+            any: !layout.limited.is_empty(),
         }
     }
 
     /// Takes the states at the end of step k back into their limits.
     #[inline(always)]
-    pub(super) fn hold(&mut self, k: usize, layout: &Layout, known: &[f64], x: &mut [f64]) {
-        if !layout.limited.is_empty() {
+    pub(super) fn hold(&mut self, k: usize, dynamics: &dyn Dynamics, known: &[f64], x: &mut [f64]) {
+        if self.any {
             let held = &mut self.held[k % 2];
             held.clear();
-            take_back(layout, known, x, |state, row| held.push((state, row)));
+            take_back(dynamics.layout(), known, x, |state, row| held.push((state, row)));
         }
     }
 
     /// The sensitivities (n by lanes) of the states that were held at the end of step k become those of their limits.
     #[inline(always)]
     pub(super) fn follow(&self, k: usize, known: &[f64], s: &mut [f64]) {
+        if !self.any {
+            return;
+        }
         for (state, row) in &self.held[k % 2] {
             let lanes = &mut s[state * self.lanes..][..self.lanes];
             lanes.fill(0.0);

@@ -103,7 +103,7 @@ impl<'a> Trajectory<'a> {
         let (x, next) = two_nodes(&mut self.nodes, k);
         let step = Step { t, h, x, drive: self.drive.stages(k), known: &self.known };
         self.dynamics.step(step, next, &mut self.work);
-        self.stops.hold(k, self.dynamics.layout(), &self.known, next);
+        self.stops.hold(k, self.dynamics, &self.known, next);
         finite(&self.grid, k, next)?;
         if self.events.is_some() {
             return self.across(k, &mut StatesAlone);
@@ -127,7 +127,7 @@ impl<'a> Trajectory<'a> {
     #[inline(always)]
     pub(super) fn hold(&mut self, k: usize) {
         let next = two_nodes(&mut self.nodes, k).1;
-        self.stops.hold(k, self.dynamics.layout(), &self.known, next);
+        self.stops.hold(k, self.dynamics, &self.known, next);
     }
 
     /// Step k as the implicit method sees it, where its end goes, and memory.
