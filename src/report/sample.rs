@@ -20,15 +20,21 @@ pub fn sample_text(found: &SampleDocument) -> String {
         found.warmup,
         found.seed
     );
-    let mut table =
-        plain(&["parameter", "run", "mean", "deviation", "2.5 %", "median", "97.5 %", "R-hat", "bulk", "tail", "unit"]);
+    let runs = found.parameters.iter().any(|p| p.run.is_some());
+    let numbers = ["mean", "deviation", "2.5 %", "median", "97.5 %", "R-hat", "bulk", "tail"];
+    let mut header = vec!["parameter"];
+    header.extend(runs.then_some("run"));
+    let left = header.len();
+    header.extend(numbers);
+    header.push("unit");
+    let mut table = plain(&header);
     for p in &found.parameters {
         let significant = digits_by_error(p.mean, p.deviation, 3).unwrap_or(4);
         let shown = |v: f64| digits(v, significant);
         let count = |v: Option<f64>| v.map_or("-".into(), |v| format!("{v:.0}"));
-        table.add_row([
-            p.name.clone(),
-            p.run.clone().unwrap_or_default(),
+        let mut row = vec![p.name.clone()];
+        row.extend(runs.then(|| p.run.clone().unwrap_or_default()));
+        row.extend([
             shown(p.mean),
             digits(p.deviation, 3),
             shown(p.interval[0]),
@@ -39,8 +45,9 @@ pub fn sample_text(found: &SampleDocument) -> String {
             count(p.tail),
             p.unit.clone().filter(|u| u != "1").unwrap_or_default(),
         ]);
+        table.add_row(row);
     }
-    (2..10).for_each(|column| aligned_right(&mut table, column));
+    (left..left + numbers.len()).for_each(|column| aligned_right(&mut table, column));
     text.push_str(&trimmed(&table));
     let mut table = plain(&["chain", "divergent", "step", "acceptance", "steps a draw", "gradients"]);
     for (k, c) in found.chains.iter().enumerate() {

@@ -33,7 +33,7 @@ impl Watch for () {
 }
 
 /// The name under which all repeats are kept, by number.
-pub const REPEATS: &str = "repeats";
+pub const REPEATS: &str = "repeats and requirements";
 /// Least time between two states that are kept.
 const PAUSE: Duration = Duration::from_secs(1);
 /// How much longer the work is than the keeping of it.

@@ -4,7 +4,7 @@ use super::document::{Head, frame};
 use super::headline::judgement;
 use super::number::shown;
 use super::section::{Section, Trust};
-use crate::profile::{figure, remark, told};
+use crate::profile::{Verdict, figure, remark, told, verdict};
 use fdm_results::documents::digits_by_error;
 use fdm_results::documents::profile::{End, Profile};
 use maud::{Markup, html};
@@ -30,11 +30,9 @@ pub fn profile_page(model: &str, profiles: &[Profile]) -> String {
         .filter(|said| !said.is_empty())
         .map(|said| (said.trim_end().to_string(), "intervals"))
         .collect();
-    let (trust, sentence) = match points.is_empty() {
-        true => (Trust::Good, "Every interval ends where the cost has risen by what chance explains."),
-        false => (Trust::Reserved, "Some intervals do not end where the cost has risen enough:"),
-    };
-    let verdict = judgement((trust, sentence.into(), points), None, &["intervals"]);
+    let Verdict { bounded, sentence } = verdict(profiles);
+    let trust = if bounded { Trust::Good } else { Trust::Reserved };
+    let verdict = judgement((trust, sentence, points), None, &["intervals"]);
     frame(&Head { kind: "profile likelihood", name: model, doc: None, verdict }, &sections)
 }
 
