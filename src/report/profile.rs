@@ -5,7 +5,7 @@ use crate::page::Paper;
 use crate::page::drawing::stacked;
 use crate::page::figure::{Figure, Look, Mark, Panel};
 use fdm_results::documents::profile::{End, Profile};
-use fdm_results::documents::{digits, digits_by_error};
+use fdm_results::documents::{digits, digits_by_error, digits_of_end};
 
 /// Remarks that are printed.
 const REMARKS: usize = 5;
@@ -57,8 +57,12 @@ pub fn profile_table(profiles: &[Profile]) -> String {
             p.name.clone(),
             shown(p.value),
             by_error(digits(p.error, 3)),
-            by_error(format!("{} to {}", shown(p.value - half), shown(p.value + half))),
-            format!("{} to {}", told(low, settled), told(high, settled)),
+            by_error(format!(
+                "{} to {}",
+                digits_of_end(p.value - half, p.error),
+                digits_of_end(p.value + half, p.error)
+            )),
+            format!("{} to {}", told(p, low), told(p, high)),
             by_error(format!("{:.2}", (p.value - low.value()) / half)),
             by_error(format!("{:.2}", (high.value() - p.value) / half)),
             p.refits.to_string(),
@@ -86,8 +90,10 @@ pub fn profile_table(profiles: &[Profile]) -> String {
     text
 }
 
-pub(crate) fn told(end: End, settled: usize) -> String {
-    let value = digits(end.value(), settled);
+/// An end of the interval by the cost.
+pub(crate) fn told(p: &Profile, end: End) -> String {
+    // at a bound the error is a guess
+    let value = if p.bound { digits(end.value(), 4) } else { digits_of_end(end.value(), p.error) };
     match end {
         End::At(_) => value,
         End::Bound(_) => format!("{value} (bound)"),

@@ -2,15 +2,21 @@
 
 use super::table::{aligned_right, plain, trimmed};
 use fdm_results::documents::sample::SampleDocument;
-use fdm_results::documents::{digits, digits_by_error};
+use fdm_results::documents::{digits, digits_by_error, digits_of_end};
+
+/// Whether the draws can be used, in a clause.
+pub(crate) fn verdict(found: &SampleDocument) -> &'static str {
+    match (found.is_good(), found.remarks.is_empty()) {
+        (true, true) => "the chains agree, and nothing speaks against the draws",
+        (true, false) => "the chains agree; what the draws take for granted is noted below",
+        (false, _) => "not to be used yet: what speaks against the draws is said below",
+    }
+}
 
 /// Verdict, parameters, chains.
 pub fn sample_text(found: &SampleDocument) -> String {
     let total = found.draws * found.chains.len();
-    let verdict = match found.is_good() {
-        true => "the chains agree, and nothing speaks against the draws",
-        false => "not to be used yet: what speaks against the draws is said at the end",
-    };
+    let verdict = verdict(found);
     let mut text = format!(
         "{}: posterior of the result in {}\n{verdict}\n{} chains of {} draws ({total} in all), {} before them, seed {}\n\n",
         found.model,
@@ -37,9 +43,9 @@ pub fn sample_text(found: &SampleDocument) -> String {
         row.extend([
             shown(p.mean),
             digits(p.deviation, 3),
-            shown(p.interval[0]),
+            digits_of_end(p.interval[0], p.deviation),
             shown(p.median),
-            shown(p.interval[1]),
+            digits_of_end(p.interval[1], p.deviation),
             p.r_hat.map_or("-".into(), |r| format!("{r:.3}")),
             count(p.bulk),
             count(p.tail),
