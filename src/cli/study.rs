@@ -15,7 +15,7 @@ use fdm_estimate::{Fit, FitOptions, Keeper, Options, fit_kept};
 use fdm_lab::job;
 use fdm_lab::posterior::{Calibration, Posterior, Ranks, SampleError, Sampling, calibrated, sample};
 use fdm_lab::requirement::Draws;
-use fdm_lab::study::{Bootstrap, Colour, Repeat, Study, StudyError, Watch, series};
+use fdm_lab::study::{Bootstrap, Colour, FORM, Repeat, Study, StudyError, Watch, series};
 use fdm_report::page::calibration_page;
 use fdm_report::{Detail, calibration_text, fit_table, repeat_columns, study_table};
 use fdm_results::documents::FitDocument;
@@ -70,6 +70,7 @@ struct Studied<'a> {
     noise_colour: Colour,
     seed: u64,
     draws: u32,
+    form: u8,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
@@ -218,7 +219,7 @@ impl Arguments {
     /// What the bits of the repeats depend on.
     pub(crate) fn identity(&self, model: &Model, runs: &[Run], fit: &FitOptions) -> Result<Identity, Failure> {
         let (noise_colour, seed, draws) = (self.colour()?, self.repetition.seed, self.draws);
-        Ok(Identity::of(model, runs, &Studied { fit, noise_colour, seed, draws }))
+        Ok(Identity::of(model, runs, &Studied { fit, noise_colour, seed, draws, form: FORM }))
     }
 
     /// The fit, ready to be repeated.
