@@ -53,7 +53,8 @@ pub fn sample_page(found: &SampleDocument, draws: &ArvizDocument) -> String {
     }
     sections.push(Section::new("sampler", "How the chains went", sampler(found)));
     let trust = if found.is_good() { Trust::Good } else { Trust::Reserved };
-    let sentence = format!("{}.", capital(crate::sample::verdict(found)));
+    let (first, rest) = crate::sample::verdict(found).split_at(1);
+    let sentence = format!("{}{rest}.", first.to_uppercase());
     let point = |r: &String| (capital(r.strip_prefix("note: ").unwrap_or(r)), "sampler");
     let points = found.remarks.iter().map(point).collect();
     let facts = format!(
