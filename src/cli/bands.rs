@@ -1,9 +1,8 @@
 //! Bands of what a result predicts: by the errors of the parameters, and by these and the noise.
 
-use crate::margins::freedom;
-use crate::modes::with_estimates;
 use fdm_estimate::Fit;
 use fdm_lab::posterior::{BandError, Bands, Errors, Predicted};
+use fdm_lab::requirement::{freedom, with_estimates};
 use fdm_results::documents::{FitDocument, ResultDocument};
 use fdm_results::store::ResultFolder;
 use fdm_system::Model;

@@ -2,12 +2,12 @@
 
 use crate::failure::{Ending, Failure, OrFailure, as_json, did_you_mean, ended, print};
 use crate::load::assignment;
-use crate::modes::{modes, own_parameters_move_rates, with_estimates};
+use crate::modes::{modes, own_parameters_move_rates};
 use clap::Args;
-use fdm_estimate::{ParameterEstimate, quantile};
+use fdm_estimate::quantile;
 use fdm_grammar::model::Origin;
 use fdm_grammar::syntax::{TokenKind, tokens};
-use fdm_lab::requirement::{Draws, Known, assess};
+use fdm_lab::requirement::{Draws, Known, assess, assess_result, freedom, with_estimates};
 use fdm_report::margins_text;
 use fdm_results::documents::ResultDocument;
 use fdm_results::documents::requirement::{Assessment, MarginsDocument, ModeMargin};
@@ -18,7 +18,7 @@ use std::path::PathBuf;
 /// Draws where nothing else is said.
 const DRAWS: u32 = 1000;
 /// Their seed.
-const SEED: u64 = 1;
+pub(crate) const SEED: u64 = 1;
 
 /// What `fdm margins` takes.
 #[derive(Debug, Args)]
@@ -178,35 +178,9 @@ fn with_requirements(folder: &ResultFolder, requirements: &[String]) -> Result<M
     Ok(whole.untied(&manifest.untied).unwrap_or(whole))
 }
 
-/// The requirements of a fit as part of its result: none where the text has none, where values of single runs must be chosen, or where they cannot be
-/// measured; `fdm margins` says why.
+/// The requirements of a fit as part of its result.
 pub(crate) fn of_result(model: &Model, result: &ResultDocument, runs: &[String]) -> Option<Vec<Assessment>> {
-    let definition = model.definition();
-    let run = runs.first().filter(|_| definition.requirements.is_some())?;
-    let own = definition.params.iter().any(|p| p.per_run && !matches!(p.origin, Origin::FreeInitial(_)));
-    if runs.len() > 1 && own || definition.inputs.iter().any(|i| i.known) {
-        return None;
-    }
-    let covariance = result.covariance(model, run).filter(|c| c.iter().any(|v| *v != 0.0))?;
-    let mut theta = result.theta(model, run);
-    theta.iter_mut().zip(&definition.params).filter(|(_, p)| p.is_recorded()).for_each(|(v, _)| *v = 0.0);
-    let found = with_estimates(model, &theta, Some(&covariance));
-    let freedom = freedom(result, &found, run);
-    let known = Known { theta: &theta, covariance: &covariance, freedom: &freedom };
-    assess(&found, known, Draws { count: DRAWS as usize, seed: SEED }).ok()
-}
-
-/// Degrees of freedom of each parameter's error.
-pub(crate) fn freedom(result: &ResultDocument, model: &Model, run: &str) -> Vec<Option<f64>> {
-    let found: &[ParameterEstimate] = result.fit().map_or(&[], |fit| &fit.parameters);
-    let own = |p: &ParameterEstimate| p.run.as_deref().is_none_or(|r| r == run);
-    let params = model.definition().params.iter();
-    params
-        .map(|p| {
-            let found = found.iter().find(|e| e.name == p.quantity.name && own(e))?;
-            found.degrees_of_freedom.filter(|_| found.corrected_error.is_some())
-        })
-        .collect()
+    assess_result(model, result, runs, Draws { count: DRAWS as usize, seed: SEED })
 }
 
 /// Modes with intervals; a pair is one.

@@ -3,6 +3,7 @@
 use crate::failure::{Ending, Failure, OrFailure, as_json, ended, print};
 use crate::load::ModelOrResult;
 use clap::Args;
+pub(crate) use fdm_lab::requirement::with_estimates;
 use fdm_report::modes_table;
 use fdm_results::documents::{ModesDocument, ResultDocument};
 use fdm_results::store::ResultFolder;
@@ -105,17 +106,6 @@ pub(crate) fn of_result(model: &Model, result: &ResultDocument, runs: &[String])
         Err(Failure::Input(reasons)) => ModesDocument::without(reasons.join("; ")),
         Err(_) => ModesDocument::without("the model cannot be linearised"),
     })
-}
-
-/// The model with values as they were found.
-pub(crate) fn with_estimates(model: &Model, theta: &[f64], covariance: Option<&[f64]>) -> Model {
-    let mut params = model.definition().params.clone();
-    for (k, param) in params.iter_mut().enumerate() {
-        param.value = theta[k];
-        // what the fit estimated has derivatives, whatever the model's text says of it
-        param.fixed &= covariance.is_none_or(|c| c[k * theta.len() + k] == 0.0);
-    }
-    model.with_params(params)
 }
 
 /// Whether a parameter of single runs has a part in the linear model's rates.

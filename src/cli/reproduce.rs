@@ -9,7 +9,7 @@ use crate::tasks::Visit;
 use clap::Args;
 use fdm_lab::experiment::{Catalogue, Experiment, ExperimentError, Outcome, reproduce, tables};
 use fdm_lab::job;
-use fdm_lab::study::{Colour, Study, System, Watch, series};
+use fdm_lab::study::{Colour, FORM, Study, System, Watch, series};
 use fdm_report::{outcome_table, outcomes_markdown, outcomes_table, studies_markdown, studies_text};
 use fdm_results::store::Identity;
 use fdm_system::Model;
@@ -165,6 +165,7 @@ struct Studied {
     thin: bool,
     noise_colour: Option<Colour>,
     seed: u64,
+    form: u8,
 }
 
 impl Arguments {
@@ -196,7 +197,7 @@ impl Arguments {
     /// An experiment that can be repeated, and what the bits of its repeats depend on.
     fn system(&self, experiment: &Experiment, colour: Option<Colour>) -> Result<(System, Identity), Failure> {
         let (seed, thin) = (self.repetition.seed, self.thin);
-        let studied = Studied { thin, noise_colour: colour, seed };
+        let studied = Studied { thin, noise_colour: colour, seed, form: FORM };
         let identity = Identity::of_texts(&texts(experiment)?, &studied);
         Ok((System::new(experiment, (colour, seed), thin).or_failure()?, identity))
     }

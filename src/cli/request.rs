@@ -23,7 +23,7 @@ use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Args, Command};
 use fdm_discover::{Diagnosis, DiagnosisError};
 use fdm_estimate::{Estimate, Fit, FitOptions, Iteration, Noise, UnknownName};
-use fdm_lab::study::{Bootstrap, Repeat, Study, StudyError, series};
+use fdm_lab::study::{Repeat, StudyError, series};
 use fdm_readers::{Field, Topic};
 use fdm_report::{
     calibration_text, check_text, design_table, diagnosis_text, doctor_text, margins_text, modes_table, profile_table,
@@ -571,12 +571,12 @@ pub fn study(
     let model = arguments.model.untied(model)?;
     strictly(&model, &records, &arguments.records)?;
     let runs = runs(&mut records);
-    let (options, colour, seed) = (arguments.options(&model)?, arguments.colour()?, arguments.repetition.seed);
-    let identity = study::identity(&model, &runs, &options, (colour, seed));
+    let options = arguments.options(&model)?;
+    let identity = arguments.identity(&model, &runs, &options)?;
     let checkpoint = arguments.repetition.checkpoints.open(&identity, true)?;
     let mut progress = watch.progress(&arguments.limit);
     let first = first(&model, &runs, &options, &mut progress)?;
-    let bootstrap = Bootstrap::new(&first, &runs, &options, (colour, seed)).map_err(unstudied)?;
+    let bootstrap = arguments.bootstrap(&first, &runs, &options)?.map_err(unstudied)?;
     let mut repeat_watch = RepeatProgress::new("", arguments.repeats as usize, true, progress.halt());
     {
         let mut course = watch.course.lock();
@@ -585,11 +585,12 @@ pub fn study(
     }
     let once = |k: u64| bootstrap.once(k, &repeat_watch);
     let repeats = series(arguments.repeats as usize, checkpoint.keeper(), &repeat_watch, &once);
-    let found = Study::of(model.name(), (Some(colour), seed), bootstrap.subjects(), &repeats);
+    let found = bootstrap.study(&repeats);
     let whole = checkpoint.close() && progress.in_time();
     let good = whole && first.is_integrated() && found.is_whole() && found.converged > 0;
     let answer = Answer::of(study_table(&found), &found, good)?;
-    let columns = fdm_report::repeat_columns(bootstrap.subjects(), &repeats);
+    let goals = bootstrap.goals().unwrap_or_default();
+    let columns = fdm_report::repeat_columns(bootstrap.subjects(), goals, &repeats);
     let columns = columns.into_iter().map(|(name, values)| (name.to_string(), values)).collect();
     Ok((answer, Repeats { columns, repeats }))
 }

@@ -5,6 +5,7 @@ use crate::failure::{Ending, Failure, OrFailure, as_json, ended, remark};
 use crate::fit::{integration_remarks, print_so_far};
 use crate::halt::{Halt, TimeLimit};
 use crate::load::{Estimated, MeasurementNoise, ModelFile, Records};
+use crate::margins;
 use crate::options::{Integration, Repeats};
 use crate::progress::{Progress, RepeatProgress};
 use crate::progress_file::Course;
@@ -13,7 +14,8 @@ use clap::Args;
 use fdm_estimate::{Fit, FitOptions, Keeper, Options, fit_kept};
 use fdm_lab::job;
 use fdm_lab::posterior::{Calibration, Posterior, Ranks, SampleError, Sampling, calibrated, sample};
-use fdm_lab::study::{Bootstrap, Colour, Repeat, Study, StudyError, Watch, series};
+use fdm_lab::requirement::Draws;
+use fdm_lab::study::{Bootstrap, Colour, FORM, Repeat, Study, StudyError, Watch, series};
 use fdm_report::page::calibration_page;
 use fdm_report::{Detail, calibration_text, fit_table, repeat_columns, study_table};
 use fdm_results::documents::FitDocument;
@@ -47,6 +49,10 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "N", default_value_t = 300, requires = "calibration", help_heading = "Repeats",
           allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(20..=1_000_000))]
     warmup: u32,
+    /// Draws of the parameters in each repeat, by which it is seen where a requirement of the text is not linear in them; 0 for none
+    #[arg(long, value_name = "N", default_value_t = 400, help_heading = "Repeats",
+          allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(0..=1_000_000))]
+    draws: u32,
     #[command(flatten)]
     pub(crate) repetition: Repeats,
     #[command(flatten)]
@@ -63,11 +69,8 @@ struct Studied<'a> {
     fit: &'a FitOptions,
     noise_colour: Colour,
     seed: u64,
-}
-
-/// What the bits of the repeats depend on.
-pub(crate) fn identity(model: &Model, runs: &[Run], fit: &FitOptions, (noise_colour, seed): (Colour, u64)) -> Identity {
-    Identity::of(model, runs, &Studied { fit, noise_colour, seed })
+    draws: u32,
+    form: u8,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
@@ -78,8 +81,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let campaign = arguments.records.read(&model, quiet)?;
     let runs = &campaign.runs;
     let options = arguments.options(&model)?;
-    let (colour, seed) = (arguments.colour()?, arguments.repetition.seed);
-    let identity = identity(&model, runs, &options, (colour, seed));
+    let identity = arguments.identity(&model, runs, &options)?;
     if arguments.calibration {
         return arguments.print_calibration((&model, runs), &options, &mut progress);
     }
@@ -90,7 +92,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let first = fit_kept(&model, runs, &options, checkpoint.keeper(), &mut progress);
     progress.finish();
     let first = first.or_failure()?;
-    let bootstrap = match Bootstrap::new(&first, runs, &options, (colour, seed)) {
+    let bootstrap = match arguments.bootstrap(&first, runs, &options)? {
         Ok(bootstrap) => bootstrap,
         Err(e) if e.is_of_numbers() => {
             remark(format_args!("error: {e}"));
@@ -102,20 +104,20 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     if writer.is_writing() {
         let so_far = watch.remembering();
         let (name, subjects) = (model.name().to_string(), bootstrap.subjects().to_vec());
+        let noise = (Some(bootstrap.colour()), arguments.repetition.seed);
         let mut course = course.lock();
         course.doing = "Monte Carlo repeats".into();
         course.more = Some(Arc::new(move || {
             let (repeats, left) = so_far.read();
-            let study = Study::of(name.clone(), (Some(colour), seed), &subjects, &repeats);
-            (study, left)
+            (Study::of(name.clone(), noise, &subjects, &repeats), left)
         }));
     }
     let repeats = series(count, checkpoint.keeper(), &watch, &|k: u64| bootstrap.once(k, &watch));
     watch.finish();
-    let study = Study::of(model.name(), (Some(colour), seed), bootstrap.subjects(), &repeats);
+    let study = bootstrap.study(&repeats);
 
     let mut manifest = prepared.manifest(&model, identity, options.options.noise.clone(), &campaign);
-    manifest.seed = Some(seed);
+    manifest.seed = Some(arguments.repetition.seed);
     let json = FitDocument { study: Some(study.clone()), ..FitDocument::of(&first) }.into();
     let text = format!("{}\n\n{}", title(&first.model), study_table(&study));
     let tables = tables(&first, &study, &bootstrap, &repeats)?;
@@ -138,15 +140,14 @@ impl Arguments {
         let model = self.model.load_for(&self.records)?;
         let runs = self.records.read(&model, true)?.runs;
         let options = self.options(&model)?;
-        let (colour, seed) = (self.colour()?, self.repetition.seed);
-        let identity = identity(&model, &runs, &options, (colour, seed));
+        let identity = self.identity(&model, &runs, &options)?;
         let mut progress = Progress::hidden(halt.clone(), Course::default());
         let first = fit_kept(&model, &runs, &options, Some(states), &mut progress).or_failure()?;
         let refused = |e: StudyError| match e.is_of_numbers() {
             true => Failure::Numbers(e.to_string()),
             false => Failure::input([e]),
         };
-        let bootstrap = Bootstrap::new(&first, &runs, &options, (colour, seed)).map_err(refused)?;
+        let bootstrap = self.bootstrap(&first, &runs, &options)?.map_err(refused)?;
         let once = |k: u64, watch: &dyn Watch| bootstrap.once(k, watch);
         visit(&job::Repeats { once: &once, count: self.repeats.into() }, &identity)
     }
@@ -215,6 +216,24 @@ impl Arguments {
         self
     }
 
+    /// What the bits of the repeats depend on.
+    pub(crate) fn identity(&self, model: &Model, runs: &[Run], fit: &FitOptions) -> Result<Identity, Failure> {
+        let (noise_colour, seed, draws) = (self.colour()?, self.repetition.seed, self.draws);
+        Ok(Identity::of(model, runs, &Studied { fit, noise_colour, seed, draws, form: FORM }))
+    }
+
+    /// The fit, ready to be repeated.
+    pub(crate) fn bootstrap(
+        &self,
+        first: &Fit,
+        runs: &[Run],
+        options: &FitOptions,
+    ) -> Result<Result<Bootstrap, StudyError>, Failure> {
+        let draws = Draws { count: self.draws as usize, seed: margins::SEED };
+        let bootstrap = Bootstrap::new(first, runs, options, (self.colour()?, self.repetition.seed));
+        Ok(bootstrap.map(|b| b.judging(first, draws)))
+    }
+
     pub(crate) fn options(&self, model: &Model) -> Result<FitOptions, Failure> {
         Ok(self.integration.among(FitOptions {
             changes: self.model.changes(&self.estimated),
@@ -239,7 +258,7 @@ fn tables(
     bootstrap: &Bootstrap,
     repeats: &[Option<Repeat>],
 ) -> Result<Vec<NamedFile>, Failure> {
-    let columns = repeat_columns(bootstrap.subjects(), repeats);
+    let columns = repeat_columns(bootstrap.subjects(), bootstrap.goals().unwrap_or_default(), repeats);
     let cell = |v: f64| if v.is_nan() { String::new() } else { v.to_string() };
     let quoted = |name: &String| format!("\"{}\"", name.replace('"', "\"\""));
     let mut csv = columns.iter().map(|(name, _)| quoted(name)).collect::<Vec<_>>().join(",");

@@ -15,8 +15,8 @@ use fdm_estimate::residuals::Baseline;
 use fdm_estimate::{Fit, fit, fit_from_beginnings};
 use fdm_lab::posterior::Bands;
 use fdm_report::{
-    Detail, band_table, baseline_table, estimate_text, fit_verdict, validation_by_frequency, validation_by_time,
-    validation_table,
+    Detail, band_table, band_verdict, baseline_table, estimate_text, fit_verdict, validation_by_frequency,
+    validation_by_time, validation_table,
 };
 use fdm_results::documents::{BandCoverage, FitDocument, Validation};
 use fdm_results::store::{Identity, ResultFolder};
@@ -149,7 +149,9 @@ fn text(
     detail: Detail,
 ) -> String {
     let mut text = format!("{}: validation of the result in {}\n", fit.model.name(), folder.folder().display());
-    text.push_str(&format!("{}\n\n", verdict));
+    text.push_str(&format!("{verdict}\n"));
+    band_verdict(covered).iter().for_each(|said| text.push_str(&format!("{said}\n")));
+    text.push('\n');
     text.push_str(&validation_table(&fit.quality, folder.quality()));
     text.push_str(&format!("\n{}", baseline_table(baselines)));
     if !covered.is_empty() {

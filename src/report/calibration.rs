@@ -15,11 +15,16 @@ pub fn calibration_text(found: &CalibrationDocument) -> String {
         "{}: {verdict}\n{} of {} repeats, family-wise p {:.3}, {} divergent trajectories, seed {}\n\n",
         found.model, found.done, found.asked, found.p, found.divergent, found.seed
     );
-    let mut table = plain(&["parameter", "run", "ranks", "mean rank", "shift", "spread", "p", ""]);
+    let runs = found.parameters.iter().any(|p| p.run.is_some());
+    let mut header = vec!["parameter"];
+    header.extend(runs.then_some("run"));
+    let left = header.len() + 1;
+    header.extend(["ranks", "mean rank", "shift", "spread", "p", ""]);
+    let mut table = plain(&header);
     for p in &found.parameters {
-        table.add_row([
-            p.name.clone(),
-            p.run.clone().unwrap_or_default(),
+        let mut row = vec![p.name.clone()];
+        row.extend(runs.then(|| p.run.clone().unwrap_or_default()));
+        row.extend([
             bars(&p.counts),
             format!("{:.3}", p.mean_rank),
             format!("{:.1}", p.shift),
@@ -27,8 +32,9 @@ pub fn calibration_text(found: &CalibrationDocument) -> String {
             format!("{:.3}", p.p),
             p.said(found.alone()).into(),
         ]);
+        table.add_row(row);
     }
-    (3..7).for_each(|column| aligned_right(&mut table, column));
+    (left..left + 4).for_each(|column| aligned_right(&mut table, column));
     text.push_str(&trimmed(&table));
     text
 }

@@ -5,7 +5,7 @@ use comfy_table::Table;
 use fdm_estimate::Status;
 use fdm_estimate::residuals::OutputFit;
 use fdm_results::comparison::{Averaged, Candidate, Comparison, Edge, Nesting, Prediction, WeightedBy};
-use fdm_results::documents::{KeptParameter, OutputDocument, digits, digits_by_error};
+use fdm_results::documents::{KeptParameter, OutputDocument, digits, digits_by_error, digits_of_end};
 
 /// Columns of results that fit beside the names of rows.
 const ABREAST: usize = 4;
@@ -174,7 +174,7 @@ fn average(candidates: &[Candidate], averaged: &Averaged) -> String {
             p.run.clone().unwrap_or_default(),
             digits(p.value, settled),
             digits(p.error, 3),
-            format!("{} to {}", digits(p.interval[0], settled), digits(p.interval[1], settled)),
+            format!("{} to {}", digits_of_end(p.interval[0], p.error), digits_of_end(p.interval[1], p.error)),
             format!("{:.0} %", 100.0 * p.weight),
             p.unit.clone().unwrap_or_default(),
         ]);

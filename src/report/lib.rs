@@ -64,6 +64,8 @@ pub use study::{repeat_columns, studies_markdown, studies_text, study_table};
 pub use summary::check_text;
 pub mod page;
 pub use page::fit_verdict;
-pub use validation::{band_table, baseline_table, validation_by_frequency, validation_by_time, validation_table};
+pub use validation::{
+    band_table, band_verdict, baseline_table, validation_by_frequency, validation_by_time, validation_table,
+};
 pub use verification::verification_table;
 pub use visible::visible;

@@ -25,8 +25,10 @@ pub fn margins_text(margins: &MarginsDocument) -> String {
     if !margins.requirements.is_empty() {
         text.push_str(&format!("\n{}", requirements_table(&margins.requirements)));
     }
-    for said in margins.requirements.iter().flat_map(|r| remarks(r, margins.draws)) {
-        text.push_str(&format!("\n{said}"));
+    let said = remarks(margins);
+    said.iter().take(REMARKS).for_each(|said| text.push_str(&format!("\n{said}")));
+    if said.len() > REMARKS {
+        text.push_str(&format!("\n{} more remarks: --json", said.len() - REMARKS));
     }
     if margins.requirements.is_empty() {
         text.push_str(
@@ -91,25 +93,31 @@ pub(crate) fn percent(p: f64) -> String {
     }
 }
 
-/// What is to be said of a requirement.
-fn remarks(r: &Assessment, draws: usize) -> Vec<String> {
-    let mut said = Vec::new();
-    if let Some(why) = &r.reason {
-        said.push(format!("{}: no value, {why}", r.name));
-    }
-    if let Some(missing) = r.missing {
-        said.push(format!(
-            "{}: of {draws} draws {:.1} % have no value; they count as not held",
-            r.name,
-            100.0 * missing
-        ));
-    } else if r.by == Some(By::Draws) {
-        said.push(format!("{}: not linear in the parameters within their errors, so by {draws} draws", r.name));
-    }
-    let parts: Vec<String> =
-        r.parts.iter().map(|part| format!("{} {:.0} %", part.parameter, 100.0 * part.share)).collect();
-    if r.probability.is_some_and(|p| p > 0.05 && p < 0.95) && !parts.is_empty() {
+/// Remarks that are printed.
+const REMARKS: usize = 5;
+
+/// What is to be said of requirements: those without a value first, then those that are open.
+fn remarks(margins: &MarginsDocument) -> Vec<String> {
+    let all = || margins.requirements.iter();
+    let mut said: Vec<String> =
+        all().filter_map(|r| Some(format!("{}: no value, {}", r.name, r.reason.as_ref()?))).collect();
+    for r in all().filter(|r| r.probability.is_some_and(|p| p > 0.05 && p < 0.95) && !r.parts.is_empty()) {
+        let parts: Vec<String> =
+            r.parts.iter().map(|part| format!("{} {:.0} %", part.parameter, 100.0 * part.share)).collect();
         said.push(format!("{}: open; its variance is that of {}", r.name, parts.join(", ")));
+    }
+    let draws = margins.draws;
+    said.extend(all().filter_map(|r| {
+        let missing = 100.0 * r.missing?;
+        Some(format!("{}: of {draws} draws {missing:.1} % have no value; they count as not held", r.name))
+    }));
+    let bent: Vec<&str> =
+        all().filter(|r| r.by == Some(By::Draws) && r.missing.is_none()).map(|r| r.name.as_str()).collect();
+    if !bent.is_empty() {
+        said.push(format!(
+            "not linear in the parameters within their errors, so by {draws} draws: {}",
+            bent.join(", ")
+        ));
     }
     said
 }
@@ -130,6 +138,8 @@ pub fn modes_with_intervals(modes: &[ModeMargin], time: &str) -> String {
         let open = |v: Option<f64>, interval: Option<[Option<f64>; 2]>| match (v, interval) {
             (None, _) => String::new(),
             (Some(v), Some([Some(low), Some(high)])) => number(v, Some([low, high])),
+            // a rate that may be zero: the time of a rate that nearly is says nothing
+            (Some(v), Some([Some(low), None])) if v > 100.0 * low => format!("above {}", digits(low, 3)),
             (Some(v), Some([Some(low), None])) => format!("{} (above {})", digits(v, 3), digits(low, 3)),
             (Some(v), _) => digits(v, 4),
         };

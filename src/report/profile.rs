@@ -5,9 +5,44 @@ use crate::page::Paper;
 use crate::page::drawing::stacked;
 use crate::page::figure::{Figure, Look, Mark, Panel};
 use fdm_results::documents::profile::{End, Profile};
-use fdm_results::documents::{digits, digits_by_error};
+use fdm_results::documents::{digits, digits_by_error, digits_of_end};
 
-/// One row for each parameter: the interval by the cost beside that by the error.
+/// Remarks that are printed.
+const REMARKS: usize = 5;
+/// Intervals by the cost and by the error agree within this part of the latter.
+const AGREE: f64 = 0.25;
+
+/// What the intervals are worth.
+pub(crate) struct Verdict {
+    /// Whether the data bound every parameter.
+    pub(crate) bounded: bool,
+    pub(crate) sentence: String,
+}
+
+/// Whether every interval ends, and whether it is that by the error.
+pub(crate) fn verdict(profiles: &[Profile]) -> Verdict {
+    let is_loose = |p: &&Profile| p.ends.iter().any(|end| !matches!(end, End::At(_)));
+    let off = |p: &Profile, end: End| ((end.value() - p.value).abs() / p.reach() - 1.0).abs();
+    let is_bent = |p: &&Profile| !p.bound && p.ends.iter().any(|end| off(p, *end) > AGREE);
+    let names = |list: Vec<&Profile>| list.iter().map(|p| p.name.as_str()).collect::<Vec<_>>().join(", ");
+    let loose: Vec<&Profile> = profiles.iter().filter(is_loose).collect();
+    let bent: Vec<&Profile> = profiles.iter().filter(|p| !is_loose(p)).filter(is_bent).collect();
+    let bounded = loose.is_empty();
+    let mut sentence = match (bounded, bent.is_empty()) {
+        (true, true) => "Every interval ends, and agrees within a quarter with that by the error.".to_string(),
+        (true, false) => "Every interval ends where the cost has risen by what chance explains.".to_string(),
+        (false, _) => format!("Not bounded on both sides: {}.", names(loose)),
+    };
+    if !bent.is_empty() {
+        sentence.push_str(&format!(
+            " Those of {} differ from those by the error by more than a quarter: take those by the cost.",
+            names(bent)
+        ));
+    }
+    Verdict { bounded, sentence }
+}
+
+/// Verdict, then one row for each parameter: the interval by the cost beside that by the error.
 pub fn profile_table(profiles: &[Profile]) -> String {
     let header = ["parameter", "value", "error", "95 % by error", "95 % by cost", "below", "above", "refits", "unit"];
     let mut table = plain(&header);
@@ -22,33 +57,43 @@ pub fn profile_table(profiles: &[Profile]) -> String {
             p.name.clone(),
             shown(p.value),
             by_error(digits(p.error, 3)),
-            by_error(format!("{} to {}", shown(p.value - half), shown(p.value + half))),
-            format!("{} to {}", told(low, settled), told(high, settled)),
+            by_error(format!(
+                "{} to {}",
+                digits_of_end(p.value - half, p.error),
+                digits_of_end(p.value + half, p.error)
+            )),
+            format!("{} to {}", told(p, low), told(p, high)),
             by_error(format!("{:.2}", (p.value - low.value()) / half)),
             by_error(format!("{:.2}", (high.value() - p.value) / half)),
             p.refits.to_string(),
             p.unit.clone().unwrap_or_default(),
         ]);
     }
-    let mut text = trimmed(&table);
+    let mut text = format!("{}\n\n{}", verdict(profiles).sentence, trimmed(&table));
     text.push_str("\nbelow, above: how far the interval by the cost reaches, over that by the error\n");
-    for p in profiles {
-        for (end, side) in p.ends.iter().zip(["left", "right"]) {
-            text.push_str(&remark(p, *end, side));
-        }
-        if p.factor > 1.05 {
-            let (name, factor) = (&p.name, p.factor);
-            text.push_str(&format!(
-                "{name}: the residuals are coloured; the cost may rise {:.1} times as far as under white noise\n",
-                factor * factor
-            ));
-        }
+    let said: Vec<String> = profiles
+        .iter()
+        .flat_map(|p| p.ends.iter().zip(["left", "right"]).map(|(end, side)| remark(p, *end, side)))
+        .filter(|said| !said.is_empty())
+        .collect();
+    said.iter().take(REMARKS).for_each(|line| text.push_str(line));
+    if said.len() > REMARKS {
+        text.push_str(&format!("{} more intervals without an end: --json has them\n", said.len() - REMARKS));
+    }
+    let rises = || profiles.iter().map(|p| p.factor * p.factor).filter(|rise| *rise > 1.1);
+    if let (Some(least), Some(most)) = (rises().reduce(f64::min), rises().reduce(f64::max)) {
+        let range = if most > 1.05 * least { format!("{least:.1} to {most:.1}") } else { format!("{most:.1}") };
+        text.push_str(&format!(
+            "the residuals are coloured; the cost may rise {range} times as far as under white noise (`--rise 1.92`: as there)\n"
+        ));
     }
     text
 }
 
-pub(crate) fn told(end: End, settled: usize) -> String {
-    let value = digits(end.value(), settled);
+/// An end of the interval by the cost.
+pub(crate) fn told(p: &Profile, end: End) -> String {
+    // at a bound the error is a guess
+    let value = if p.bound { digits(end.value(), 4) } else { digits_of_end(end.value(), p.error) };
     match end {
         End::At(_) => value,
         End::Bound(_) => format!("{value} (bound)"),
@@ -126,6 +171,34 @@ fn between(at: &[(f64, Option<f64>)]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_verdict_names_what_is_open_and_what_is_lopsided() {
+        let profile = |name: &str, ends: [End; 2], factor: f64| Profile {
+            name: name.into(),
+            unit: None,
+            value: 1.0,
+            error: 0.1 * factor,
+            factor,
+            rise: 1.92 * factor * factor,
+            bound: false,
+            ends,
+            by_error: [0.8, 1.2],
+            points: Vec::new(),
+            refits: 3,
+        };
+        let even = profile("a", [End::At(0.8), End::At(1.2)], 1.0);
+        let said = |all: &[Profile]| verdict(all).sentence;
+        assert!(said(std::slice::from_ref(&even)).contains("agrees within a quarter"));
+        let far = profile("b", [End::At(0.8), End::At(1.6)], 1.0);
+        let text = said(&[even.clone(), far.clone()]);
+        assert!(text.starts_with("Every interval ends") && text.contains("Those of b differ"), "{text}");
+        let open = profile("c", [End::Open(-5.0), End::At(1.2)], 2.0);
+        assert!(!verdict(&[even.clone(), open.clone()]).bounded);
+        let text = profile_table(&[open, far, even]);
+        assert!(text.starts_with("Not bounded on both sides: c. Those of b differ"), "{text}");
+        assert!(text.contains("the cost may rise 4.0 times as far"), "{text}");
+    }
 
     #[test]
     fn a_cost_is_drawn_straight_between_its_points_and_nowhere_else() {

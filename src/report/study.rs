@@ -1,7 +1,9 @@
 //! Monte-Carlo studies as tables; the same for a page of Markdown.
 
 use super::table::{aligned_right, plain, trimmed};
-use fdm_results::documents::study::{Colour, Coverage, Figure, Interval, Kind, Pooled, Repeat, Share, Study, Subject};
+use fdm_results::documents::study::{
+    Colour, Coverage, Figure, Goal, GoalCoverage, Interval, Judged, Kind, Pooled, Repeat, Share, Study, Subject,
+};
 use fdm_results::documents::{digits, digits_by_error};
 
 /// Every parameter with bias, scatter and coverage, and what should not be overlooked.
@@ -34,8 +36,47 @@ pub fn study_table(study: &Study) -> String {
         table.add_row(row);
     }
     let mut text = trimmed(&table);
+    if !study.requirements.is_empty() {
+        text.push_str(&format!("\n{}", goals_table(&study.requirements)));
+    }
     text.push_str(&format!("\n{}", sentences(study)));
     text
+}
+
+/// Titles of [`goal_cells`].
+pub(crate) const GOAL_TITLES: [&str; 9] =
+    ["requirement", "truth", "mean", "scatter", "half width", "covers %", "above", "below", "by draws"];
+
+/// Every requirement with what its intervals are worth.
+fn goals_table(requirements: &[GoalCoverage]) -> String {
+    let mut table = plain(&GOAL_TITLES);
+    (1..GOAL_TITLES.len()).for_each(|k| aligned_right(&mut table, k));
+    requirements.iter().for_each(|r| {
+        table.add_row(goal_cells(r));
+    });
+    trimmed(&table)
+}
+
+/// Truth, mean and scatter of the values, mean half width of the intervals, their coverage, on which side the truth was missed, and how many are draws.
+pub(crate) fn goal_cells(r: &GoalCoverage) -> [String; 9] {
+    let Goal { name, unit, truth } = &r.goal;
+    let unit = unit.as_deref().filter(|u| *u != "1").map_or(String::new(), |u| format!(" [{u}]"));
+    let spread = r.scatter.unwrap_or(0.0);
+    let value = |v: Option<f64>| v.map_or(String::new(), |v| digits(v, digits_by_error(v, spread, 3).unwrap_or(5)));
+    let width = |v: Option<f64>| v.map_or(String::new(), |v| digits(v, 3));
+    let drawn = percent(r.drawn as f64 / r.coverage.of.max(1) as f64);
+    let [above, below] = r.missed.map(|n| n.to_string());
+    [
+        format!("{name}{unit}"),
+        value(*truth),
+        value(r.mean),
+        width(r.scatter),
+        width(r.half_width),
+        covers(&r.coverage),
+        above,
+        below,
+        format!("{drawn} %"),
+    ]
 }
 
 /// Truth, mean, bias in errors with its chance, scatter.
@@ -76,6 +117,25 @@ fn sentences(study: &Study) -> String {
             "nominal 95 % intervals by {} errors hold the truth in {} % ({low}-{high}) of all parameters; furthest off: {} with {} %; scatter over error {:.2} to {:.2}\n",
             kind(pooled.kind), percent(pooled.coverage), pooled.worst.0, percent(pooled.worst.1), pooled.ratios[0], pooled.ratios[1],
         ));
+    }
+    if let Some(worst) = study.worst_requirement() {
+        text.push_str(&format!(
+            "nominal 95 % intervals of requirements: furthest off: {} with {} %; `above` and `below` count the truths beyond their ends\n",
+            worst.goal.name,
+            percent(worst.coverage.share)
+        ));
+        let lost: Vec<String> = study
+            .requirements
+            .iter()
+            .filter(|r| r.coverage.of < study.converged)
+            .map(|r| format!("{} ({} of {})", r.goal.name, study.converged - r.coverage.of, study.converged))
+            .collect();
+        if !lost.is_empty() {
+            text.push_str(&format!("requirements without an interval in some repeats: {}\n", lost.join(", ")));
+        }
+    }
+    if let Some(why) = &study.no_requirements {
+        text.push_str(&format!("requirements that are not studied: {why}\n"));
     }
     let biased: Vec<&str> =
         study.parameters.iter().filter(|p| p.is_biased()).map(|p| p.subject.name.as_str()).collect();
@@ -184,7 +244,7 @@ fn summary(study: &Study) -> [String; 9] {
 }
 
 /// Every figure of every repeat: columns of a file.
-pub fn repeat_columns(subjects: &[Subject], repeats: &[Option<Repeat>]) -> Vec<(String, Vec<f64>)> {
+pub fn repeat_columns(subjects: &[Subject], goals: &[Goal], repeats: &[Option<Repeat>]) -> Vec<(String, Vec<f64>)> {
     let done: Vec<(usize, &Repeat)> = repeats.iter().enumerate().filter_map(|(k, r)| Some((k, r.as_ref()?))).collect();
     let mut columns = vec![
         ("repeat".to_string(), done.iter().map(|(k, _)| *k as f64).collect()),
@@ -198,6 +258,15 @@ pub fn repeat_columns(subjects: &[Subject], repeats: &[Option<Repeat>]) -> Vec<(
         column("", |f| f.value);
         column(": Cramer-Rao error", |f| f.errors[0]);
         column(": corrected error", |f| f.errors[1]);
+    }
+    for (k, goal) in goals.iter().enumerate() {
+        let mut column = |what: &str, of: fn(&Judged) -> f64| {
+            let values = done.iter().map(|(_, r)| r.requirements.get(k).map_or(f64::NAN, of)).collect();
+            columns.push((format!("requirement {}{what}", goal.name), values));
+        };
+        column("", |j| j.value);
+        column(": low", |j| j.interval[0]);
+        column(": high", |j| j.interval[1]);
     }
     columns
 }

@@ -132,6 +132,37 @@ fn colour(white: Option<&Whiteness>) -> String {
 /// Residuals count as coloured below this p-value, as in [`Whiteness::is_white`](fdm_estimate::residuals::Whiteness::is_white).
 const SIGNIFICANT: f64 = 0.01;
 
+/// Below this part within its 95 % band a measurement is not predicted as well as the fit says.
+const TOO_FEW: f64 = 0.85;
+
+/// Whether measurements lie within their bands, in a sentence; none where there are none.
+pub fn band_verdict(bands: &[BandCoverage]) -> Option<String> {
+    let known = || bands.iter().filter_map(|b| Some((b, b.within?)));
+    let (worst, least) = known().min_by(|a, b| a.1.total_cmp(&b.1))?;
+    let most = known().map(|(_, within)| within).fold(least, f64::max);
+    let percent = |share: f64| format!("{:.0}", 100.0 * share);
+    Some(if least < TOO_FEW {
+        let (output, run) = (&worst.output, &worst.run);
+        let few = known().filter(|(_, within)| *within < TOO_FEW).count();
+        let others = if few > 1 { format!(" ({few} outputs are below {} %)", percent(TOO_FEW)) } else { String::new() };
+        format!(
+            "Predicted less well than the errors say: of {output} in run {run} {} % lie within the 95 % band of measurements{others}.",
+            percent(least)
+        )
+    } else if percent(least) == percent(most) {
+        format!(
+            "Predicted as well as the errors say: {} % of what was measured lie within the 95 % bands.",
+            percent(least)
+        )
+    } else {
+        format!(
+            "Predicted as well as the errors say: {} to {} % of what was measured lie within the 95 % bands.",
+            percent(least),
+            percent(most)
+        )
+    })
+}
+
 /// How wide the 95 % bands of each output are, and how much of what was measured lies within them.
 pub fn band_table(bands: &[BandCoverage]) -> String {
     let heads = ["95 % bands", "run", "of the response", "of a measurement", "measured within"];
@@ -148,6 +179,22 @@ pub fn band_table(bands: &[BandCoverage]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_verdict_on_bands_names_the_worst_output() {
+        let band = |output: &str, within: Option<f64>| BandCoverage {
+            output: output.into(),
+            run: "late".into(),
+            response: Some(0.1),
+            measurement: Some(0.2),
+            within,
+        };
+        assert_eq!(band_verdict(&[band("y", None)]), None);
+        let said = band_verdict(&[band("y", Some(0.93)), band("z", Some(0.97))]).unwrap();
+        assert!(said.contains("93 to 97 %"), "{said}");
+        let said = band_verdict(&[band("y", Some(0.93)), band("z", Some(0.31)), band("w", Some(0.8))]).unwrap();
+        assert!(said.contains("of z in run late 31 %") && said.contains("(2 outputs are below 85 %)"), "{said}");
+    }
 
     #[test]
     fn validated_and_fitted_runs_stand_below_each_other() {

@@ -52,6 +52,7 @@ fn a_study_says_what_intervals_are_worth() {
     for file in ["study.json", "result.txt", "fit.txt", "manifest.json"] {
         assert!(desk.path("kept").join(file).is_file(), "{file}");
     }
+    assert!(study["requirements"].is_null() && study["no_requirements"].is_null(), "{study}");
     // the folder is the result of the fit too
     let again = desk.fdm("simulate --from-result kept --data run.csv");
     assert_eq!(again.status.code(), Some(0), "{}", said(&again));
@@ -185,4 +186,32 @@ fn reference_systems_are_repeated() {
         assert_eq!(out.status.code(), Some(2), "{words}");
         assert!(said(&out).contains(sentence), "{words}: {}", said(&out));
     }
+}
+
+#[test]
+fn a_study_says_what_intervals_of_requirements_are_worth() {
+    let desk = desk();
+    let asked = "requirement half [s] = time_to_half(x) in [0.5, 1], left = at(y, 2, hold(u, 0));";
+    let text = MODEL.replace("output y", &format!("input u; {} output y", asked)).replace("= -k*x", "= -k*x + c*u");
+    desk.write("decay.fdm", text);
+    let rows =
+        desk.text("run.csv").replace("t [s],y", "t [s],u,y").replace(",", ",0,").replace("t [s],0,u,0,y", "t [s],u,y");
+    desk.write("run.csv", rows);
+    let out = desk.fdm(&format!("{STUDY} --repeats 100 --json --out kept"));
+    assert_eq!(out.status.code(), Some(0), "{}", said(&out));
+    let document: Value = serde_json::from_slice(&out.stdout).unwrap();
+    let requirements = document["study"]["requirements"].as_array().unwrap();
+    assert_eq!(requirements.iter().map(|r| r["name"].as_str().unwrap()).collect::<Vec<_>>(), ["half", "left"]);
+    for r in requirements {
+        assert_eq!(r["coverage"]["of"], 100, "{r}");
+        assert!((0.85..=1.0).contains(&r["coverage"]["share"].as_f64().unwrap()), "{r}");
+    }
+    // the truth is what `fdm margins` says of the fit that is repeated
+    let margins: Value = serde_json::from_str(&desk.good("margins kept --json")).unwrap();
+    assert_eq!(margins["requirements"][0]["value"], requirements[0]["truth"]);
+    assert!(desk.text("kept/repeats.csv").lines().next().unwrap().ends_with("\"requirement left: high\""));
+    let text = desk.text("kept/result.txt");
+    assert!(text.contains("half width") && text.contains("nominal 95 % intervals of requirements"), "{text}");
+    desk.good("report kept -o page.html");
+    assert!(desk.text("page.html").contains("What intervals of requirements are worth"));
 }

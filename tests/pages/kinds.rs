@@ -23,7 +23,7 @@ pub(crate) const PAGES: [(&str, &str); 10] = [
     ("posterior", "sample lynx --chains 4 --draws 500 --warmup 300 --white"),
     (
         "calibration",
-        "study models/lynx_hare/model.fdm --data models/lynx_hare/run.csv --calibration --repeats 40 --warmup 100",
+        "study models/gas_oil/model.fdm --data models/gas_oil/run.csv --calibration --repeats 100 --seed 4",
     ),
     ("profile", "profile models/lynx_hare/model.fdm --data models/lynx_hare/run.csv"),
     ("comparison", "compare linear cubic"),

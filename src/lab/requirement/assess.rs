@@ -35,35 +35,99 @@ pub struct Draws {
 
 /// Parameters that are named as those on which a requirement depends most.
 const NAMED: usize = 3;
-/// A linear law is believed as long as neither end of the interval of the draws is further from its own than this part of its half width. Of a
-/// thousand draws chance moves an end by 0.04 of it.
+/// A linear law is believed as long as neither end of the interval of the draws is further from that of the linear law than this part of its half width.
 const BENT: f64 = 0.15;
+/// So many draws are made first. Where a requirement is linear by half of [`BENT`] at these, no more are needed.
+const FIRST: usize = 250;
+/// Draws are cut where more than this part of them was drawn again because of bounds: then the linear law, which knows no bounds, is another one.
+const CUT: f64 = 0.01;
 
 /// Assesses the requirements of a model; empty where it has none.
 ///
 /// # Errors
 /// [`RequirementError`].
 pub fn assess(model: &Model, known: Known<'_>, draws: Draws) -> Result<Vec<Assessment>, RequirementError> {
-    let p = known.theta.len();
-    let params = &model.definition().params;
-    let moves = |k: &usize| !params[*k].fixed && known.covariance[k * p + k] > 0.0;
-    let columns: Vec<usize> = (0..p).filter(moves).collect();
-    let Some(plan) = Plan::new(model, known.theta, &columns)? else { return Ok(Vec::new()) };
+    match Plan::new(model, known.theta, &columns(model, known))? {
+        Some(plan) => assess_by(&plan, model, known, draws),
+        None => Ok(Vec::new()),
+    }
+}
+
+/// Parameters that are not known exactly, by index.
+pub(super) fn columns(model: &Model, known: Known<'_>) -> Vec<usize> {
+    let (p, params) = (known.theta.len(), &model.definition().params);
+    (0..p).filter(|k| !params[*k].fixed && known.covariance[k * p + k] > 0.0).collect()
+}
+
+/// The same with a plan of this model, made for the same columns.
+///
+/// # Errors
+/// [`RequirementError`].
+pub(super) fn assess_by(
+    plan: &Plan,
+    model: &Model,
+    known: Known<'_>,
+    draws: Draws,
+) -> Result<Vec<Assessment>, RequirementError> {
+    let (columns, params) = (plan.columns(), &model.definition().params);
     let at = plan.bench()?.measure(known.theta, true);
-    let drawn = drawn(&plan, params, known, draws)?;
-    let one = |(k, measured): (usize, &Measured)| {
-        let values: Vec<f64> = drawn.iter().map(|draw| draw[k]).collect();
-        assessment(&plan.requirements().list[k], measured, (&columns, params), known, &values)
+    let (points, cut) = points(columns, params, known, draws);
+    let first = points.len().min(FIRST);
+    let every = vec![true; at.len()];
+    let mut values = measured(plan, &points[..first], &every)?;
+    let straight = |values: &[f64], m: &Measured| {
+        values.is_empty()
+            || !cut && m.is_linear() && values.iter().all(|v| v.is_finite()) && bend(values, m, &points) < 0.5 * BENT
+    };
+    let open: Vec<bool> = at.iter().zip(&values).map(|(m, values)| !straight(values, m)).collect();
+    if points.len() > first && open.contains(&true) {
+        let more = measured(plan, &points[first..], &open)?;
+        values.iter_mut().zip(more).for_each(|(values, more)| values.extend(more));
+    }
+    let one = |(k, m): (usize, &Measured)| {
+        let drawn = Drawn { points: &points, values: &values[k], cut };
+        assessment(&plan.requirements().list[k], m, (columns, params), known, &drawn)
     };
     Ok(at.iter().enumerate().map(one).collect())
 }
+
+/// A draw of the parameters.
+struct Point {
+    /// All of them (p).
+    theta: Vec<f64>,
+    /// How far the linear law has moved each column: without logarithms.
+    moved: Vec<f64>,
+}
+
+/// A requirement at the draws; at the first of them only, where these were enough.
+struct Drawn<'a> {
+    points: &'a [Point],
+    values: &'a [f64],
+    cut: bool,
+}
+
+/// How far the ends of 95 % of the draws are from those of the linear law at the same draws, as a part of the latter's half width. Chance moves both
+/// alike, so that few draws tell.
+fn bend(values: &[f64], measured: &Measured, points: &[Point]) -> f64 {
+    let by_slope = |p: &Point| measured.value + p.moved.iter().zip(&measured.gradient).map(|(m, g)| m * g).sum::<f64>();
+    let mut linear: Vec<f64> = points.iter().take(values.len()).map(by_slope).collect();
+    let mut values = values.to_vec();
+    [&mut linear, &mut values].into_iter().for_each(|v| v.sort_by(f64::total_cmp));
+    let [a, b] = [&values, &linear].map(|v| SHARES.map(|share| at_share(v, share)));
+    let off = (a[0] - b[0]).abs().max((a[1] - b[1]).abs());
+    // what no parameter moves is straight
+    if off == 0.0 { 0.0 } else { off / (0.5 * (b[1] - b[0])) }
+}
+
+/// The ends of 95 %.
+const SHARES: [f64; 2] = [0.025, 0.975];
 
 fn assessment(
     requirement: &Requirement,
     measured: &Measured,
     (columns, params): (&[usize], &[Param]),
     known: Known<'_>,
-    drawn: &[f64],
+    drawn: &Drawn<'_>,
 ) -> Assessment {
     let p = known.theta.len();
     let quantity = &requirement.quantity;
@@ -83,7 +147,7 @@ fn assessment(
     let c = |i: usize, j: usize| known.covariance[columns[i] * p + columns[j]];
     let follows: Vec<f64> = (0..g.len()).map(|i| (0..g.len()).map(|j| c(i, j) * g[j]).sum()).collect();
     let variance: f64 = g.iter().zip(&follows).map(|(g, f)| g * f).sum();
-    let linear = assessment.value.is_some() && g.iter().all(|g| g.is_finite());
+    let linear = measured.is_linear();
     let moving = || columns.iter().zip(g).filter(|(_, g)| **g != 0.0).filter_map(|(k, _)| known.freedom[*k]);
     let freedom = moving().reduce(f64::min);
     if linear {
@@ -103,25 +167,26 @@ fn assessment(
         parts.truncate(NAMED);
         assessment.parts = parts;
     }
-    if drawn.is_empty() {
+    if drawn.values.is_empty() {
         return assessment;
     }
-    let mut there: Vec<f64> = drawn.iter().copied().filter(|v| v.is_finite()).collect();
+    let mut there: Vec<f64> = drawn.values.iter().copied().filter(|v| v.is_finite()).collect();
     there.sort_by(f64::total_cmp);
-    let missing = 1.0 - there.len() as f64 / drawn.len() as f64;
+    let missing = 1.0 - there.len() as f64 / drawn.values.len() as f64;
     assessment.missing = (missing > 0.0).then_some(missing);
-    if there.len() < drawn.len() / 2 || there.len() < 40 {
+    if there.len() < drawn.values.len() / 2 || there.len() < 40 {
         return assessment;
     }
-    let ends = [0.025, 0.975].map(|share| at_share(&there, share));
+    let ends = SHARES.map(|share| at_share(&there, share));
     let far = |[low, high]: [f64; 2]| {
         let half = 0.5 * (high - low);
         (ends[0] - low).abs().max((ends[1] - high).abs()) > BENT * half
     };
-    if missing > 0.0 || assessment.interval.is_none_or(far) {
-        let holds = drawn.iter().filter(|v| requirement.holds(**v)).count();
+    let other = |interval| bend(drawn.values, measured, drawn.points) > BENT || drawn.cut && far(interval);
+    if missing > 0.0 || assessment.interval.is_none_or(other) {
+        let holds = drawn.values.iter().filter(|v| requirement.holds(**v)).count();
         assessment.interval = Some(ends);
-        let share = holds as f64 / drawn.len() as f64;
+        let share = holds as f64 / drawn.values.len() as f64;
         assessment.probability = requirement.has_limits().then_some(share);
         assessment.by = Some(By::Draws);
     }
@@ -154,24 +219,35 @@ fn probability(requirement: &Requirement, value: f64, error: f64, freedom: Optio
     (below(requirement.upper) - below(requirement.lower)).clamp(0.0, 1.0)
 }
 
-/// The requirements at draws of the parameters: normal ones, wider where the errors are not well known, within bounds, of a logarithm where that was
-/// searched. Draw by draw; empty where none are wanted or nothing varies.
-fn drawn(plan: &Plan, params: &[Param], known: Known<'_>, draws: Draws) -> Result<Vec<Vec<f64>>, RequirementError> {
-    let columns = plan.columns();
-    let Some(root) = root(columns, known).filter(|_| draws.count > 0) else { return Ok(Vec::new()) };
+/// Draws of the parameters: normal ones, wider where the errors are not well known, within bounds, of a logarithm where that was searched; and whether
+/// bounds have cut many of them. Empty where none are wanted or nothing varies.
+fn points(columns: &[usize], params: &[Param], known: Known<'_>, draws: Draws) -> (Vec<Point>, bool) {
+    let Some(root) = root(columns, known).filter(|_| draws.count > 0) else { return (Vec::new(), false) };
     let freedom = columns.iter().filter_map(|k| known.freedom[*k]).reduce(f64::min);
     let mut stream = Stream::named(draws.seed, &["requirements"]);
-    let points: Vec<Vec<f64>> =
-        (0..draws.count).map(|_| point(columns, params, known, &root, freedom, &mut stream)).collect();
+    let mut again = 0;
+    let mut points = Vec::with_capacity(draws.count);
+    for _ in 0..draws.count {
+        let (point, attempts) = point(columns, params, known, &root, freedom, &mut stream);
+        again += usize::from(attempts > 1);
+        points.push(point);
+    }
+    (points, again as f64 > CUT * draws.count as f64)
+}
+
+/// The requirements that are wanted at every draw, requirement by requirement; of the others there are no values.
+fn measured(plan: &Plan, points: &[Point], wanted: &[bool]) -> Result<Vec<Vec<f64>>, RequirementError> {
     let measured: Result<Vec<Vec<Vec<f64>>>, RequirementError> = points
         .par_chunks(32)
         .map(|part| {
             let mut bench: Bench<'_> = plan.bench()?;
-            let values = |theta: &Vec<f64>| bench.measure(theta, false).iter().map(|m| m.value).collect();
+            let values = |p: &Point| bench.measure_some(&p.theta, wanted).iter().map(|m| m.value).collect();
             Ok(part.iter().map(values).collect())
         })
         .collect();
-    Ok(measured?.into_iter().flatten().collect())
+    let draws: Vec<Vec<f64>> = measured?.into_iter().flatten().collect();
+    let of = |k: usize| draws.iter().map(|draw| draw[k]).collect();
+    Ok((0..wanted.len()).map(|k| if wanted[k] { of(k) } else { Vec::new() }).collect())
 }
 
 /// The symmetric root of the covariance of the columns; none where nothing varies.
@@ -197,11 +273,13 @@ fn point(
     root: &DMatrix<f64>,
     freedom: Option<f64>,
     stream: &mut Stream,
-) -> Vec<f64> {
+) -> (Point, usize) {
     /// Draws until one lies within all bounds.
     const MOST: usize = 100;
-    let mut theta = known.theta.to_vec();
-    for attempt in 1..=MOST {
+    let (mut theta, mut moved) = (known.theta.to_vec(), vec![0.0; columns.len()]);
+    let mut attempts = 0;
+    loop {
+        attempts += 1;
         let z: Vec<f64> = columns.iter().map(|_| stream.normal()).collect();
         let wider = freedom.map_or(1.0, |f| {
             let share = stream.uniform().clamp(1e-12, 1.0 - 1e-12);
@@ -209,16 +287,15 @@ fn point(
         });
         let mut inside = true;
         for (i, k) in columns.iter().enumerate() {
-            let move_ = wider * z.iter().enumerate().map(|(j, z)| root[(i, j)] * z).sum::<f64>();
+            moved[i] = wider * z.iter().enumerate().map(|(j, z)| root[(i, j)] * z).sum::<f64>();
             let (value, param) = (known.theta[*k], &params[*k]);
-            let drawn = if param.logarithmic && value > 0.0 { value * exp(move_ / value) } else { value + move_ };
+            let drawn = if param.logarithmic && value > 0.0 { value * exp(moved[i] / value) } else { value + moved[i] };
             inside &= drawn >= param.lower && drawn <= param.upper;
             // the last one is put on its bounds
-            theta[*k] = if attempt == MOST { drawn.clamp(param.lower, param.upper) } else { drawn };
+            theta[*k] = if attempts == MOST { drawn.clamp(param.lower, param.upper) } else { drawn };
         }
-        if inside {
-            break;
+        if inside || attempts == MOST {
+            return (Point { theta, moved }, attempts);
         }
     }
-    theta
 }

@@ -2,7 +2,7 @@
 
 use super::linear::Linear;
 use super::measured::{Measured, RequirementError};
-use super::standard::{Driven, Flight, Manoeuvre, Solved, Zigzag};
+use super::standard::{Driven, Flight, Flown, Manoeuvre, Solved, Zigzag};
 use fdm_grammar::requirement::{OfCourse, Requirements, Target, What};
 use fdm_system::Model;
 use fdm_system::dynamics::{Point, Workspace};
@@ -80,12 +80,13 @@ impl Plan {
             _ => Solved::default(),
         };
         let slopes = definition.inputs.iter().enumerate().filter_map(|(k, i)| Some((k as u32, i.slope?.of))).collect();
-        let (mut groups, mut places) = (Vec::<(f64, Driven, Vec<Target>)>::new(), Vec::new());
+        let (mut groups, mut places) = (Vec::<Flown>::new(), Vec::new());
         for measure in &requirements.measures {
             if grounded.is_some() && flown(&measure.what) {
                 places.push(None);
                 continue;
             }
+            let mut most = 0;
             let (duration, driven, targets) = match &measure.what {
                 What::Course { signal, duration, drives, of } => {
                     let other = if let OfCourse::Reached(other, _) = of { Some(other.target) } else { None };
@@ -94,7 +95,8 @@ impl Plan {
                 }
                 What::Zigzag { signal, input, size, level, number, duration } => {
                     let (signal, input, size) = (*signal, *input, *size);
-                    let zigzag = Zigzag { signal, input, size, level: *level, number: *number };
+                    let zigzag = Zigzag { signal, input, size, level: *level };
+                    most = *number;
                     (*duration, Driven::Zigzag(zigzag), vec![signal.target])
                 }
                 _ => {
@@ -102,20 +104,20 @@ impl Plan {
                     continue;
                 }
             };
-            let at = groups.iter().position(|(d, w, _)| *d == duration && *w == driven).unwrap_or_else(|| {
-                groups.push((duration, driven, Vec::new()));
+            let at = groups.iter().position(|g| g.duration == duration && g.driven == driven).unwrap_or_else(|| {
+                groups.push(Flown { duration, driven, overshoots: 0, targets: Vec::new() });
                 groups.len() - 1
             });
+            let group = &mut groups[at];
+            group.overshoots = group.overshoots.max(most);
             for target in targets {
-                if !groups[at].2.contains(&target) {
-                    groups[at].2.push(target);
+                if !group.targets.contains(&target) {
+                    group.targets.push(target);
                 }
             }
             places.push(Some(Place { manoeuvre: at }));
         }
-        let made = groups
-            .into_iter()
-            .map(|(duration, driven, targets)| Manoeuvre::new(model, (theta, &solved), (duration, driven), targets));
+        let made = groups.into_iter().map(|flown| Manoeuvre::new(model, (theta, &solved), flown));
         let manoeuvres = made.collect::<Result<Vec<_>, _>>()?;
         Ok(Some(Self {
             columns: columns.to_vec(),
@@ -179,7 +181,18 @@ fn expressions(model: &Model, requirements: &Requirements) -> (Model, Vec<Option
 impl Bench<'_> {
     /// Every requirement at theta (p), with its derivatives by the plan's columns where `slopes` says so.
     pub fn measure(&mut self, theta: &[f64], slopes: bool) -> Vec<Measured> {
-        let measures = self.measures(theta, slopes);
+        let measures = self.measures(theta, slopes, None);
+        self.of_measures(&measures, theta, slopes)
+    }
+
+    /// The values of some requirements at theta (p): what nobody wants is not flown, and what is made of it is no number.
+    pub(super) fn measure_some(&mut self, theta: &[f64], wanted: &[bool]) -> Vec<Measured> {
+        let measures = self.measures(theta, false, Some(&self.plan.needed(wanted)));
+        self.of_measures(&measures, theta, false)
+    }
+
+    /// Requirements, of what was measured.
+    fn of_measures(&mut self, measures: &[Measured], theta: &[f64], slopes: bool) -> Vec<Measured> {
         let plan = self.plan;
         let layout = plan.expressions.layout();
         let count = plan.requirements.list.len();
@@ -187,7 +200,7 @@ impl Bench<'_> {
         let own: Vec<f64> = plan.own.iter().map(|k| k.map_or(f64::NAN, |k| theta[k])).collect();
         plan.expressions.dynamics().prepare(&own, &mut known, &mut self.work);
         let mut drive = vec![0.0; layout.drive()];
-        drive.iter_mut().zip(&measures).for_each(|(d, m)| *d = m.value);
+        drive.iter_mut().zip(measures).for_each(|(d, m)| *d = m.value);
         let at = Point { t: 0.0, x: &[], drive: &drive, known: &known };
         let mut out = vec![0.0; layout.output_slots()];
         plan.expressions.dynamics().outputs_and_partials(at, &mut out, &mut self.work);
@@ -235,8 +248,8 @@ impl Bench<'_> {
         all
     }
 
-    /// The measures, with derivatives by the plan's columns.
-    fn measures(&mut self, theta: &[f64], slopes: bool) -> Vec<Measured> {
+    /// The measures, with derivatives by the plan's columns; all of them, or those that are needed.
+    fn measures(&mut self, theta: &[f64], slopes: bool, needed: Option<&[bool]>) -> Vec<Measured> {
         let plan = self.plan;
         let columns: &[usize] = if slopes { &plan.columns } else { &[] };
         let evaluated = self.linear.as_mut().map(|linear| linear.evaluate(theta, &mut self.values));
@@ -259,7 +272,11 @@ impl Bench<'_> {
             measured
         };
         let mut list = Vec::with_capacity(plan.requirements.measures.len());
-        for (measure, place) in plan.requirements.measures.iter().zip(&plan.places) {
+        for (k, (measure, place)) in plan.requirements.measures.iter().zip(&plan.places).enumerate() {
+            if needed.is_some_and(|needed| !needed[k]) {
+                list.push(Measured::missing("nobody asked"));
+                continue;
+            }
             let lost = || Measured::missing(lost.clone().unwrap_or_else(|| "there is no linear model".into()));
             if let Some(place) = place {
                 if plan.trimmed && structure.is_none() {
@@ -308,8 +325,8 @@ fn flown(flight: &mut Flight<'_>, what: &What, at: (&[f64], &Solved), columns: &
         }
         What::Zigzag { signal, input, size, level, number, .. } => {
             let (signal, input, size) = (*signal, *input, *size);
-            let zigzag = Zigzag { signal, input, size, level: *level, number: *number };
-            flight.zigzag(&zigzag, at, columns)
+            let zigzag = Zigzag { signal, input, size, level: *level };
+            flight.zigzag(&zigzag, *number, at, columns)
         }
         _ => Measured::missing("it is not flown"),
     }
@@ -319,5 +336,17 @@ impl Plan {
     /// Parameters of the model.
     pub fn params(&self) -> usize {
         self.params
+    }
+
+    /// Which measures some requirements are made of.
+    fn needed(&self, wanted: &[bool]) -> Vec<bool> {
+        let mut needed = vec![false; self.requirements.measures.len()];
+        let made = self.expressions.layout().patterns.outputs_by_input.entries();
+        for (_, _, j) in made.filter(|(_, i, _)| wanted.get(*i) == Some(&true)) {
+            if let Some(needed) = needed.get_mut(j) {
+                *needed = true;
+            }
+        }
+        needed
     }
 }

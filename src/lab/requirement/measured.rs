@@ -14,6 +14,20 @@ pub enum RequirementError {
         /// The hidden input.
         name: String,
     },
+    /// Which run is meant must be said.
+    #[error("runs have parameters of their own, so that one of them must be chosen: `fdm margins RESULT --like RUN`")]
+    Runs,
+    /// Which value is meant must be said.
+    #[error(
+        "each run brings `{name}` to the model, so that a value must be chosen: `fdm margins RESULT --known {name}=VALUE`"
+    )]
+    Known {
+        /// The input that runs bring.
+        name: String,
+    },
+    /// Nothing is known of the errors.
+    #[error("the result has no covariance")]
+    NoCovariance,
     /// A manoeuvre cannot be simulated.
     #[error("a standard manoeuvre cannot be simulated: {reason}")]
     Simulation {
@@ -36,6 +50,11 @@ pub struct Measured {
 impl Measured {
     pub(super) fn of(value: f64, gradient: Vec<f64>) -> Self {
         Self { value, gradient, missing: None }
+    }
+
+    /// Whether it has a value and a slope in every direction.
+    pub(super) fn is_linear(&self) -> bool {
+        self.value.is_finite() && self.gradient.iter().all(|g| g.is_finite())
     }
 
     pub(super) fn missing(why: impl Into<String>) -> Self {

@@ -3,11 +3,13 @@
 //!
 //! **In** a model at its estimates, their covariance, and the requirements of its text. **Out** an [`Assessment`] of each. **Never** estimates anything.
 //! **Start** at [`assess`]: [`Plan`] prepares what is measured, [`Bench`] measures it with exact derivatives (`linear`: modes and frequency responses;
-//! `standard` and `course`: responses over time), `assess` makes intervals of it, by the delta method and by draws.
+//! `standard` and `course`: responses over time), `assess` makes intervals of it, by the delta method and by draws; `found` takes
+//! what is known of the parameters from a result, and judges the repeats of a study.
 
 mod assess;
 mod bench;
 mod course;
+mod found;
 mod linear;
 mod measured;
 mod standard;
@@ -17,4 +19,5 @@ mod tests;
 pub use assess::{Draws, Known, assess};
 pub use bench::{Bench, Plan};
 pub use fdm_results::documents::requirement::{Assessment, By, Part};
+pub use found::{Judge, assess_result, freedom, with_estimates};
 pub use measured::{Measured, RequirementError};

@@ -27,7 +27,6 @@ pub(super) struct Zigzag {
     pub(super) input: u32,
     pub(super) size: f64,
     pub(super) level: f64,
-    pub(super) number: u32,
 }
 
 /// What drives a manoeuvre.
@@ -35,6 +34,16 @@ pub(super) struct Zigzag {
 pub(super) enum Driven {
     Standard(Vec<Drive>),
     Zigzag(Zigzag),
+}
+
+/// A manoeuvre that is to be flown.
+pub(super) struct Flown {
+    pub(super) duration: f64,
+    pub(super) driven: Driven,
+    /// So many overshoots of a zigzag are asked for.
+    pub(super) overshoots: u32,
+    /// What is looked at.
+    pub(super) targets: Vec<Target>,
 }
 
 /// A manoeuvre that is ready to be flown at any parameters.
@@ -47,6 +56,8 @@ pub(super) struct Manoeuvre {
     steps: Steps,
     /// Parameters of the model itself (p); moments of a zigzag and values of the trim stand behind them.
     params: usize,
+    /// Moments of a zigzag: one for each overshoot that is asked for.
+    moments: usize,
     /// Signals at the trim whose values are parameters behind those of the zigzag.
     solved: usize,
 }
@@ -58,6 +69,14 @@ pub(super) struct Flight<'p> {
     y: Vec<f64>,
     rows: Vec<f64>,
     theta: Vec<f64>,
+    zigzag: Option<Zigzags>,
+}
+
+/// What came of a zigzag at one vector of parameters: requirements on its first and its second overshoot need the same flights.
+struct Zigzags {
+    theta: Vec<f64>,
+    columns: Vec<usize>,
+    overshoots: Vec<Measured>,
 }
 
 /// The trim at one vector of parameters: values that were solved from the equations, and their derivatives (values by p).
@@ -73,14 +92,13 @@ impl Manoeuvre {
     pub(super) fn new(
         model: &Model,
         (theta, solved): (&[f64], &Solved),
-        (duration, driven): (f64, Driven),
-        targets: Vec<Target>,
+        Flown { duration, driven, overshoots, targets }: Flown,
     ) -> Result<Self, RequirementError> {
         let definition = model.definition();
         if let Some(input) = definition.inputs.iter().find(|i| i.measured.is_some() || i.computed.is_some()) {
             return Err(RequirementError::Records { name: input.quantity.name.clone() });
         }
-        let moments = if let Driven::Zigzag(z) = &driven { z.number as usize + 1 } else { 0 };
+        let moments = if let Driven::Zigzag(_) = &driven { overshoots as usize } else { 0 };
         let response = response(definition, &driven, &solved.signals, moments, &targets);
         let model = model.altered(response);
         let run = record(&model, theta, duration, &driven)?;
@@ -91,6 +109,7 @@ impl Manoeuvre {
             run,
             steps: Steps::from(1),
             params: theta.len(),
+            moments,
             solved: solved.signals.len(),
         };
         let all = manoeuvre.all(theta, &vec![f64::INFINITY; moments], solved);
@@ -123,7 +142,8 @@ impl<'p> Flight<'p> {
         let simulator = Simulator::new(manoeuvre.model.dynamics(), &manoeuvre.run, manoeuvre.steps.clone());
         let simulator = simulator.map_err(|e| RequirementError::Simulation { reason: e.to_string() })?;
         let count = manoeuvre.run.len() * manoeuvre.targets.len();
-        Ok(Self { manoeuvre, simulator, y: vec![f64::NAN; count], rows: Vec::new(), theta: Vec::new() })
+        let y = vec![f64::NAN; count];
+        Ok(Self { manoeuvre, simulator, y, rows: Vec::new(), theta: Vec::new(), zigzag: None })
     }
 
     /// Flies the manoeuvre at theta (p) with derivatives by the columns of the rewritten model, or without any; false where the response diverges.
@@ -195,43 +215,63 @@ impl<'p> Flight<'p> {
         Samples { time: self.manoeuvre.run.time.clone(), y, slopes, columns: if all == 0 { 0 } else { own + moments } }
     }
 
-    /// The overshoot of a zigzag; see [`Zigzag`].
+    /// The overshoot of this number, from 1, of a zigzag.
     pub(super) fn zigzag(
         &mut self,
         zigzag: &Zigzag,
-        (theta, solved): (&[f64], &Solved),
+        number: u32,
+        at: (&[f64], &Solved),
         columns: &[usize],
     ) -> Measured {
+        let known = self.zigzag.take().filter(|z| z.theta == at.0 && z.columns == columns);
+        let found = known.unwrap_or_else(|| Zigzags {
+            theta: at.0.to_vec(),
+            columns: columns.to_vec(),
+            overshoots: self.overshoots(zigzag, at, columns),
+        });
+        let all = &self.zigzag.insert(found).overshoots;
+        // those behind one that is missing are missing for the same reason
+        let own = all.get(number as usize - 1).or(all.last()).cloned();
+        own.unwrap_or_else(|| Measured::missing("the response diverges"))
+    }
+
+    /// All overshoots of a zigzag that are asked for, up to the first that is missing.
+    fn overshoots(&mut self, zigzag: &Zigzag, (theta, solved): (&[f64], &Solved), columns: &[usize]) -> Vec<Measured> {
         let manoeuvre = self.manoeuvre;
         let own = columns.len();
-        let mut moments: Vec<Moment> = Vec::new();
+        let (mut moments, mut overshoots) = (Vec::<Moment>::new(), Vec::new());
         loop {
             let done = moments.len();
-            let mut times = vec![f64::INFINITY; zigzag.number as usize + 1];
+            let mut times = vec![f64::INFINITY; manoeuvre.moments];
             times.iter_mut().zip(&moments).for_each(|(t, m)| *t = m.t);
             self.theta = manoeuvre.all(theta, &times, solved);
             let all = self.columns(columns, done);
-            if !self.fly(&all) {
-                return Measured::missing("the response diverges");
-            }
+            let flown = self.fly(&all);
             let mut samples = self.samples(zigzag.signal, columns, solved, all.len());
             samples.follow(&moments, own);
             let course = samples.course();
-            if !course.is_finite() {
-                return Measured::missing("the response diverges");
+            if !flown || !course.is_finite() {
+                overshoots.push(Measured::missing("the response diverges"));
+                return overshoots;
             }
             // put over at +level first, then at -level, and so on
             let sign = if done.is_multiple_of(2) { 1.0 } else { -1.0 };
             let from = moments.last().map_or(0, |m: &Moment| course.time.partition_point(|t| *t <= m.t));
-            if done == zigzag.number as usize {
+            if done > 0 {
                 let peak = course.greatest(from.saturating_sub(1), -sign);
                 let value = -sign * peak.value - zigzag.level;
-                return Measured::of(value, peak.gradient.iter().map(|d| -sign * d).collect());
+                overshoots.push(Measured::of(value, peak.gradient.iter().map(|d| -sign * d).collect()));
+            }
+            if done == manoeuvre.moments {
+                return overshoots;
             }
             // behind the last moment the signal still goes on: it must come back first
             match course.passes_towards(from, sign * zigzag.level, sign) {
                 Some(moment) => moments.push(moment),
-                None => return Measured::missing(format!("the signal does not pass {}", sign * zigzag.level)),
+                None => {
+                    overshoots.push(Measured::missing(format!("the signal does not pass {}", sign * zigzag.level)));
+                    return overshoots;
+                }
             }
         }
     }

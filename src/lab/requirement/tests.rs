@@ -263,6 +263,62 @@ fn draws_take_the_place_of_the_delta_method_where_a_requirement_bends() {
 }
 
 #[test]
+fn few_draws_tell_a_straight_requirement_and_all_are_made_of_a_bent_one() {
+    let m = model(
+        "model m { param a = 1, b = 1 in [0, inf]; input u; output y = a*u + b; requirement straight = 2*a - b, bent = exp(2*a) in [0, 9], nearly = a + 0.001*a^2; }",
+    );
+    let (theta, covariance) = ([1.0, 1.0], [0.09, 0.05, 0.05, 0.04]);
+    let assessed = |count: usize, freedom: [Option<f64>; 2]| {
+        assess(&m, Known { theta: &theta, covariance: &covariance, freedom: &freedom }, Draws { count, seed: 3 })
+            .unwrap()
+    };
+    // heavy tails are no bend: the draws have them as well
+    for freedom in [[None, None], [Some(4.0), Some(40.0)]] {
+        let found = assessed(4000, freedom);
+        assert_eq!([found[0].by, found[1].by, found[2].by], [Some(By::Linear), Some(By::Draws), Some(By::Linear)]);
+    }
+    // all draws of it: the ends are those of the logarithm, to the chance of 4000 draws
+    let [low, high] = assessed(4000, [None, None])[1].interval.unwrap();
+    let end = |z: f64| (2.0 * (1.0 + 0.3 * z)).exp();
+    assert!((low / end(-1.96) - 1.0).abs() < 0.06 && (high / end(1.96) - 1.0).abs() < 0.06, "{low} {high}");
+    // a bound within the errors cuts the law
+    let near = [1.0, 0.1];
+    let known = Known { theta: &near, covariance: &covariance, freedom: &[None, None] };
+    let cut = assess(&m, known, Draws { count: 4000, seed: 3 }).unwrap();
+    assert_eq!(cut[0].by, Some(By::Draws), "{:?}", cut[0]);
+}
+
+#[test]
+fn overshoots_of_one_zigzag_share_its_flights() {
+    let text = |asked: &str| {
+        model(&format!("model m {{ input u; state x, v; param w = 2, z = 0.4; der(x) = v; der(v) = u - 2*z*w*v - w^2*x*abs(x); output y = x;
+            trim {{ x = 0; v = 0; u = 0; }} requirement {asked}; }}"))
+    };
+    let overshoot = |k: u32| format!("o{k} = zigzag_overshoot(y, u, 1, 0.2, {k}, 60)");
+    let measured = |m: &Model, theta: &[f64]| {
+        let plan = Plan::new(m, &m.definition().start(), &columns(m)).unwrap().unwrap();
+        let mut bench = plan.bench().unwrap();
+        bench.measure(&m.definition().start(), true);
+        bench.measure(theta, true)
+    };
+    let all = text(&[3, 1, 2].map(overshoot).join(", "));
+    for theta in [[2.0, 0.4], [2.3, 0.3]] {
+        let together = measured(&all, &theta);
+        for (k, found) in [3, 1, 2].into_iter().zip(&together) {
+            let alone = &measured(&text(&overshoot(k)), &theta)[0];
+            assert!(alone.value.is_finite() && (found.value - alone.value).abs() < 1e-12, "{k}: {found:?} {alone:?}");
+            for (a, b) in found.gradient.iter().zip(&alone.gradient) {
+                assert!((a - b).abs() < 1e-9 * (1.0 + b.abs()), "{k}: {found:?} {alone:?}");
+            }
+        }
+    }
+    // an overshoot behind a level that is not passed is missing, those before it stay
+    let m = text("o1 = zigzag_overshoot(y, u, 1, 0.2, 1, 2), o9 = zigzag_overshoot(y, u, 1, 0.2, 9, 2)");
+    let found = measured(&m, &[2.0, 0.4]);
+    assert!(found[0].value.is_finite() && found[1].missing.as_ref().unwrap().contains("does not pass"), "{found:?}");
+}
+
+#[test]
 fn what_varies_is_no_requirement_and_slips_are_named() {
     let said = |statement: &str| {
         let text = format!(

@@ -4,12 +4,14 @@
 use super::disturbance::Disturbance;
 use super::series::Watch;
 use super::study_error::StudyError;
+use crate::requirement::{Draws, Judge, RequirementError};
 use fdm_estimate::{
     Changes, Estimate, Fit, FitOptions, Iteration, MultiStart, ParameterEstimate, SharedSteps, Termination, fit_from,
     starts,
 };
 use fdm_numeric::random::Stream;
-use fdm_results::documents::study::{Colour, Repeat, Subject, is_estimated};
+use fdm_results::documents::study::{Colour, Goal, Repeat, Study, Subject, is_estimated};
+use fdm_results::documents::{FitDocument, ResultDocument};
 use fdm_system::Model;
 use fdm_system::record::Run;
 use std::ops::ControlFlow;
@@ -23,6 +25,9 @@ pub struct Bootstrap {
     options: FitOptions,
     noise: Disturbance,
     subjects: Vec<Subject>,
+    /// Judges the requirements of the text; or why they are not judged.
+    judge: Result<Option<Judge>, RequirementError>,
+    colour: Colour,
     seed: u64,
 }
 
@@ -66,7 +71,37 @@ impl Bootstrap {
         };
         let options = options.with_declared_noise(&fit.model);
         let starts = reached(&fit.model, runs, estimate);
-        Ok(Self { model: fit.model.clone(), clean, starts, options, noise, subjects, seed })
+        Ok(Self { model: fit.model.clone(), clean, starts, options, noise, subjects, judge: Ok(None), colour, seed })
+    }
+
+    /// With the requirements of the text judged in every repeat, as `fdm margins` judges those of the fit.
+    #[must_use]
+    pub fn judging(mut self, fit: &Fit, draws: Draws) -> Self {
+        let runs: Vec<String> = self.clean.iter().map(|run| run.name.clone()).collect();
+        self.judge = Judge::new(&self.model, &ResultDocument::from(FitDocument::of(fit)), &runs, draws);
+        self
+    }
+
+    /// The colour of the noise.
+    pub fn colour(&self) -> Colour {
+        self.colour
+    }
+
+    /// The requirements that are judged.
+    ///
+    /// # Errors
+    /// Why those of the text are not.
+    pub fn goals(&self) -> Result<&[Goal], &RequirementError> {
+        self.judge.as_ref().map(|judge| judge.as_ref().map_or(&[][..], Judge::goals))
+    }
+
+    /// The study that repeats make.
+    pub fn study(&self, repeats: &[Option<Repeat>]) -> Study {
+        let study = Study::of(self.model.name(), (Some(self.colour), self.seed), &self.subjects, repeats);
+        match self.goals() {
+            Ok(goals) => study.with_requirements(goals, repeats),
+            Err(why) => study.without_requirements(why),
+        }
     }
 
     /// The parameters that are studied.
@@ -84,7 +119,15 @@ impl Bootstrap {
         };
         match fit_from(&model, &runs, &self.starts, &self.options, &mut observer) {
             Ok(found) if found.estimate.termination == Termination::Interrupted => None,
-            Ok(found) => Some(Repeat::of(&found.estimate, &self.subjects)),
+            Ok(found) => {
+                let mut repeat = Repeat::of(&found.estimate, &self.subjects);
+                if let Ok(Some(judge)) = &self.judge
+                    && repeat.is_good()
+                {
+                    repeat.requirements = judge.judged(&ResultDocument::from(FitDocument::of(&found)));
+                }
+                Some(repeat)
+            }
             Err(e) => Some(Repeat::gone(e, self.subjects.len())),
         }
     }

@@ -34,6 +34,8 @@ impl Watch for () {
 
 /// The name under which all repeats are kept, by number.
 pub const REPEATS: &str = "repeats";
+/// The form in which repeats are kept, for those who say what their bits depend on: 2 since requirements are among them.
+pub const FORM: u8 = 2;
 /// Least time between two states that are kept.
 const PAUSE: Duration = Duration::from_secs(1);
 /// How much longer the work is than the keeping of it.

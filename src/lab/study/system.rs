@@ -81,7 +81,7 @@ impl System {
     /// The repeat of this number; none when it was interrupted.
     pub fn once(&self, number: u64, watch: &dyn Watch) -> Option<Repeat> {
         let mut repeat = match &self.rehearsal {
-            None => Repeat { astray: Vec::new(), figures: Vec::new() },
+            None => Repeat { astray: Vec::new(), figures: Vec::new(), requirements: Vec::new() },
             Some(rehearsal) => match rehearsal.once(&name(self.seed, number)) {
                 Ok(answers) => beside(&answers, &self.subjects[..self.rehearsed]),
                 Err(e) => Repeat::gone(e, self.rehearsed),
@@ -122,5 +122,6 @@ fn beside(answers: &[StageAnswer], subjects: &[Subject]) -> Repeat {
     Repeat {
         astray: answers.iter().filter_map(gone).collect(),
         figures: subjects.iter().map(|s| of(s).unwrap_or(Figure::NONE)).collect(),
+        requirements: Vec::new(),
     }
 }

@@ -1,6 +1,7 @@
 //! Whether a study finds what is known: the scatter of a linear model, intervals that are too short, repeats that go astray.
 
 use super::*;
+use crate::requirement::Draws;
 use fdm_estimate::{Fit, FitOptions, Noise, Options, fit};
 use fdm_numeric::random::Stream;
 use fdm_system::Model;
@@ -53,6 +54,34 @@ fn a_linear_model_has_the_scatter_of_the_textbook_and_its_intervals_hold() {
     }
     let pooled = study.pooled.first().expect("all together");
     assert!((pooled.coverage - 0.95).abs() < 0.03 && pooled.interval[0] < pooled.coverage);
+}
+
+/// Of a linear requirement by its own law; of a bent one by draws; and the same bits in any order.
+#[test]
+fn intervals_of_requirements_hold_as_often_as_they_say() {
+    let text = LINE.replace("output", "requirement sum = a + 2*b in [-1, 1], bent = exp(8*a) in [0, inf]; output");
+    let model = Model::from_text("line.fdm", &text).expect("a model");
+    let noise = Noise::Given(vec![Some(0.1)]);
+    let options = FitOptions { options: Options { noise, ..Options::default() }, ..FitOptions::default() };
+    let runs = vec![run(0.1)];
+    let first = fit(&model, &runs, &options, &mut ()).expect("a fit");
+    let bootstrap = Bootstrap::new(&first, &runs, &options, (Colour::White, 3)).expect("possible");
+    assert_eq!(bootstrap.goals(), Ok(&[][..]));
+    let bootstrap = bootstrap.judging(&first, Draws { count: 400, seed: 1 });
+    let theta = |name: &str| first.estimate.parameter(name, None).expect("fitted").value;
+    let goals = bootstrap.goals().expect("two");
+    assert!((goals[0].truth.expect("a value") - theta("a") - 2.0 * theta("b")).abs() < 1e-12);
+    let repeats = studied(&bootstrap, 300);
+    let study = bootstrap.study(&repeats);
+    let [sum, bent] = &study.requirements[..] else { panic!("{:?}", study.requirements) };
+    // a coverage of 300 is known to 1.3 %
+    for r in [sum, bent] {
+        assert!((r.coverage.share - 0.95).abs() < 0.04 && r.coverage.of == 300, "{r:?}");
+        assert!(r.missed.iter().all(|n| *n > 0), "{r:?}");
+    }
+    assert!(sum.drawn == 0 && bent.drawn == 300, "{sum:?} {bent:?}");
+    assert!((1.96 * sum.scatter.expect("known") / sum.half_width.expect("known") - 1.0).abs() < 0.12, "{sum:?}");
+    assert_eq!(bootstrap.once(7, &()), repeats[7]);
 }
 
 /// Noise that is an expression is drawn by it, and repeats and profiles are fitted by its likelihood.
@@ -129,7 +158,7 @@ fn repeats_know_nothing_of_threads_and_order_and_go_on_where_they_were() {
 fn repeats_that_went_astray_are_counted() {
     let subject = Subject { step: String::new(), name: "a".into(), run: None, unit: None, truth: 1.0 };
     let figure = |value: f64| Figure { value, errors: [0.1, f64::NAN], factors: [1.96; 2] };
-    let good = |value: f64| Some(Repeat { astray: Vec::new(), figures: vec![figure(value)] });
+    let good = |value: f64| Some(Repeat { astray: Vec::new(), figures: vec![figure(value)], requirements: Vec::new() });
     let repeats = [good(1.0), good(1.1), good(0.5), Some(Repeat::gone("lost", 1)), None];
     let study = Study::of("a", (None, 0), std::slice::from_ref(&subject), &repeats);
     assert_eq!((study.asked, study.done, study.converged, study.is_whole()), (5, 4, 3, false));

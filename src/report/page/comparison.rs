@@ -7,7 +7,7 @@ use super::section::{Section, Trust, quoted};
 use super::subject::called;
 use crate::comparison::{Verdict, edge, nesting, value, verdict, weighted_by};
 use fdm_results::comparison::{Averaged, Candidate, Comparison};
-use fdm_results::documents::digits_by_error;
+use fdm_results::documents::{digits_by_error, digits_of_end};
 use maud::{Markup, html};
 
 /// A page of a comparison.
@@ -74,7 +74,7 @@ fn parameters(all: &[Candidate]) -> Markup {
             tbody { @for (name, run) in &known { tr {
                 @let own = |c: &Candidate| c.parameters.iter().find(|p| p.name == *name && p.run.as_deref() == *run).cloned();
                 th scope="row" { code { (called(name, *run)) } }
-                @for c in all { td.number { (own(c).map_or("–".into(), |p| value(&p))) } }
+                @for c in all { td.number { (own(c).map_or("–".into(), |p| value(&p).replace('-', "\u{2212}"))) } }
                 td { (all.iter().find_map(own).and_then(|p| p.unit).unwrap_or_default()) }
             } } }
         } }
@@ -89,10 +89,11 @@ fn average(all: &[Candidate], averaged: &Averaged) -> Markup {
             thead { tr { th { "parameter" } th.number { "value" } th.number { "error" } th.number { "95 % interval" } th.number { "in models of" } th { "unit" } } }
             tbody { @for p in &averaged.parameters {
                 @let digits = digits_by_error(p.value, p.error, 3).unwrap_or(4);
+                @let end = |v: f64| digits_of_end(v, p.error).replace('-', "\u{2212}");
                 tr {
                     th scope="row" { code { (called(&p.name, p.run.as_deref())) } }
                     td.number { (shown(p.value, digits)) } td.number { (shown(p.error, 3)) }
-                    td.number { (shown(p.interval[0], digits)) " to " (shown(p.interval[1], digits)) }
+                    td.number { (end(p.interval[0])) " to " (end(p.interval[1])) }
                     td.number { (format!("{:.0} %", 100.0 * p.weight)) } td { (p.unit.as_deref().unwrap_or_default()) }
                 }
             } }

@@ -28,15 +28,19 @@ pub fn doctor_page(found: &DoctorDocument, records: &[Record]) -> String {
         }
     }
     sections.push(Section::new("records", "Records", assumed(found)));
-    let (trust, sentence) = match findings.len() {
-        0 => (Trust::Good, "Nothing speaks against these records.".to_string()),
-        1 => (Trust::Reserved, "One thing should be mended before these records are used:".into()),
-        n => (Trust::Reserved, format!("{n} things should be mended before these records are used:")),
+    let (trust, sentence) = match (findings.len(), remarks.len()) {
+        (0, 0) => (Trust::Good, "Nothing was found that speaks against these records.".to_string()),
+        (0, 1) => (Trust::Good, "No fault was found; one thing is worth knowing of these records:".into()),
+        (0, n) => (Trust::Good, format!("No fault was found; {n} things are worth knowing of these records:")),
+        (1, _) => (Trust::Reserved, "One thing should be mended before these records are used:".into()),
+        (n, _) => (Trust::Reserved, format!("{n} things should be mended before these records are used:")),
     };
+    let point = |f: &Finding, odds: &str| format!("`{}`: {}: {}{odds}", f.channels.join("`, `"), f.fault, f.what);
     let points = findings
         .iter()
-        .map(|(_, f)| (format!("`{}`: {}: {} ({})", f.channels.join("`, `"), f.fault, f.what, f.odds()), "findings"));
-    let verdict = judgement((trust, sentence, points.collect()), None, &["findings"]);
+        .map(|(_, f)| (point(f, &format!(" ({})", f.odds())), "findings"))
+        .chain(remarks.iter().map(|(_, f)| (point(f, ""), "remarks")));
+    let verdict = judgement((trust, sentence, points.collect()), None, &["findings", "remarks"]);
     let name =
         found.model.clone().unwrap_or_else(|| records.first().map_or_else(|| "records".into(), |r| r.run.clone()));
     frame(&Head { kind: "records judged", name: &name, doc: None, verdict }, &sections)

@@ -169,7 +169,8 @@ fn place(about: About) -> &'static str {
     }
 }
 
-fn capital(sentence: &str) -> String {
+/// A sentence with its first letter large.
+pub(super) fn capital(sentence: &str) -> String {
     // names of parameters begin sentences too, and stay what they are
     let word = sentence.split(' ').next().unwrap_or_default();
     let plain = word.chars().all(|c| c.is_ascii_lowercase() || c == ':') && word.len() > 3;

@@ -4,9 +4,9 @@ use super::document::{Head, frame};
 use super::headline::judgement;
 use super::number::shown;
 use super::section::{Section, Trust};
-use crate::profile::{figure, remark, told};
-use fdm_results::documents::digits_by_error;
+use crate::profile::{Verdict, figure, remark, told, verdict};
 use fdm_results::documents::profile::{End, Profile};
+use fdm_results::documents::{digits_by_error, digits_of_end};
 use maud::{Markup, html};
 
 /// A page of profiles of a model's parameters.
@@ -30,11 +30,9 @@ pub fn profile_page(model: &str, profiles: &[Profile]) -> String {
         .filter(|said| !said.is_empty())
         .map(|said| (said.trim_end().to_string(), "intervals"))
         .collect();
-    let (trust, sentence) = match points.is_empty() {
-        true => (Trust::Good, "Every interval ends where the cost has risen by what chance explains."),
-        false => (Trust::Reserved, "Some intervals do not end where the cost has risen enough:"),
-    };
-    let verdict = judgement((trust, sentence.into(), points), None, &["intervals"]);
+    let Verdict { bounded, sentence } = verdict(profiles);
+    let trust = if bounded { Trust::Good } else { Trust::Reserved };
+    let verdict = judgement((trust, sentence, points), None, &["intervals"]);
     frame(&Head { kind: "profile likelihood", name: model, doc: None, verdict }, &sections)
 }
 
@@ -48,12 +46,14 @@ fn table(profiles: &[Profile]) -> Markup {
             } }
             tbody { @for p in profiles {
                 @let digits = if p.bound { 4 } else { digits_by_error(p.value, p.error, 3).unwrap_or(3) };
+                @let signed = |text: String| text.replace('-', "\u{2212}");
+                @let end = |v: f64| signed(digits_of_end(v, p.error));
                 @let by_error = |text: String| if p.bound { "–".to_string() } else { text };
                 tr {
                     th scope="row" { code { (p.name) } }
                     td.number { (shown(p.value, digits)) } td.number { (by_error(shown(p.error, 3))) }
-                    td.number { (by_error(format!("{} to {}", shown(p.value - p.reach(), digits), shown(p.value + p.reach(), digits)))) }
-                    td.number { (told(p.ends[0], digits)) " to " (told(p.ends[1], digits)) }
+                    td.number { (by_error(format!("{} to {}", end(p.value - p.reach()), end(p.value + p.reach())))) }
+                    td.number { (signed(told(p, p.ends[0]))) " to " (signed(told(p, p.ends[1]))) }
                     td.number { (by_error(format!("{:.2}", reach(p, p.ends[0])))) } td.number { (by_error(format!("{:.2}", reach(p, p.ends[1])))) }
                     td { (p.unit.as_deref().unwrap_or_default()) }
                 }

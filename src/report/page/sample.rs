@@ -2,7 +2,7 @@
 
 use super::document::{Head, frame};
 use super::figure::{Figure, Look, Mark, Panel, Shape};
-use super::headline::judgement;
+use super::headline::{capital, judgement};
 use super::number::{bracketed, shown};
 use super::section::{Section, Trust};
 use super::subject::called;
@@ -52,11 +52,11 @@ pub fn sample_page(found: &SampleDocument, draws: &ArvizDocument) -> String {
         sections.push(Section::new("predictions", "Posterior predictive bands", content));
     }
     sections.push(Section::new("sampler", "How the chains went", sampler(found)));
-    let (trust, sentence) = match found.is_good() {
-        true => (Trust::Good, "The chains agree, and nothing speaks against the draws."),
-        false => (Trust::Reserved, "What should be known before the draws are used:"),
-    };
-    let points = found.remarks.iter().map(|r| (r.clone(), "sampler")).collect();
+    let trust = if found.is_good() { Trust::Good } else { Trust::Reserved };
+    let (first, rest) = crate::sample::verdict(found).split_at(1);
+    let sentence = format!("{}{rest}.", first.to_uppercase());
+    let point = |r: &String| (capital(r.strip_prefix("note: ").unwrap_or(r)), "sampler");
+    let points = found.remarks.iter().map(point).collect();
     let facts = format!(
         "{} chains of {} draws, {} before them, seed {}.",
         found.chains.len(),
@@ -64,7 +64,7 @@ pub fn sample_page(found: &SampleDocument, draws: &ArvizDocument) -> String {
         found.warmup,
         found.seed
     );
-    let verdict = judgement((trust, sentence.into(), points), Some(facts), &["sampler"]);
+    let verdict = judgement((trust, sentence, points), Some(facts), &["sampler"]);
     frame(&Head { kind: "posterior", name: &found.model, doc: None, verdict }, &sections)
 }
 
@@ -75,11 +75,13 @@ fn key(name: &str, run: Option<&str>) -> String {
 
 fn parameters(found: &SampleDocument) -> Markup {
     let count = |v: Option<f64>| v.map_or("–".into(), |v| format!("{v:.0}"));
+    let units = found.parameters.iter().any(|p| p.unit.as_deref().is_some_and(|u| u != "1"));
     html! {
         div.scroll { table {
             thead { tr {
                 th { "parameter" } th.number { "mean" } th.number { "deviation" } th.number { "2.5 %" } th.number { "median" } th.number { "97.5 %" }
-                th { "unit" } th.number { "R-hat" } th.number { "bulk" } th.number { "tail" }
+                @if units { th { "unit" } }
+                th.number { "R-hat" } th.number { "bulk" } th.number { "tail" }
             } }
             tbody { @for p in &found.parameters {
                 @let digits = digits_by_error(p.mean, p.deviation, 3).unwrap_or(4);
@@ -87,7 +89,7 @@ fn parameters(found: &SampleDocument) -> Markup {
                     th scope="row" { code { (called(&p.name, p.run.as_deref())) } }
                     td.number { (shown(p.mean, digits)) } td.number { (shown(p.deviation, 3)) }
                     td.number { (shown(p.interval[0], digits)) } td.number { (shown(p.median, digits)) } td.number { (shown(p.interval[1], digits)) }
-                    td { (p.unit.as_deref().unwrap_or_default()) }
+                    @if units { td { (p.unit.as_deref().unwrap_or_default()) } }
                     td.number.large[p.r_hat.is_none_or(|r| r > 1.01)] { (p.r_hat.map_or("–".into(), |r| format!("{r:.3}"))) }
                     td.number { (count(p.bulk)) } td.number { (count(p.tail)) }
                 }

@@ -5,6 +5,7 @@ use super::figure::{Figure, Look, Mark, Panel, Shape};
 use super::number::{bracketed, shown};
 use super::section::{Section, Trust, Verdict};
 use super::subject::Subject;
+use crate::study::{GOAL_TITLES, goal_cells};
 use fdm_results::documents::digits_by_error;
 use fdm_results::documents::study::{Colour, Coverage, Interval, Kind, Share, Study};
 use maud::{Markup, html};
@@ -42,6 +43,12 @@ pub(super) fn verdict(study: &Study) -> Verdict {
         study.parameters.iter().filter(|p| p.is_biased()).map(|p| format!("`{}`", p.subject.label())).collect();
     if biased.len() * 20 > study.parameters.len() {
         points.push((format!("More bias than chance explains: {}", biased.join(", ")), "coverage"));
+    }
+    if let Some(worst) = study.worst_requirement()
+        && (worst.coverage.share - 0.95).abs() > GOOD
+    {
+        let share = percent(worst.coverage.share);
+        points.push((format!("Requirement furthest off: `{}`, {share} %", worst.goal.name), "requirements-coverage"));
     }
     if converged < done {
         points.push((format!("{} of {done} repeats did not converge", done - converged), "outcomes"));
@@ -100,6 +107,13 @@ pub(super) fn sections(subject: &Subject) -> Vec<Section> {
             @for figure in [coverage(study), scatter(study)].iter().flatten() { (figure.markup()) }
         },
     )];
+    if !study.requirements.is_empty() || study.no_requirements.is_some() {
+        sections.push(Section::new(
+            "requirements-coverage",
+            "What intervals of requirements are worth",
+            requirements(study),
+        ));
+    }
     if drawn > 0 {
         sections.push(Section::new(
             "estimates",
@@ -141,6 +155,25 @@ fn table(study: &Study) -> Markup {
                 }
             } }
         } }
+    }
+}
+
+fn requirements(study: &Study) -> Markup {
+    html! {
+        @if !study.requirements.is_empty() { div.scroll { table {
+            thead { tr { @for (k, title) in GOAL_TITLES.iter().enumerate() { th.number[k > 0] { (title) } } } }
+            tbody { @for r in &study.requirements { tr {
+                @for (k, cell) in goal_cells(r).iter().enumerate() {
+                    @if k == 0 { th scope="row" { (cell) } }
+                    @else { td.number.large[k == 5 && r.coverage.interval[1] < 0.95] { (cell) } }
+                }
+            } } }
+        } } }
+        p.note {
+            "The truth is the value at the parameters that the records were made with. `Above` and `below` count the truths beyond the ends of the intervals. "
+            "A requirement that is not linear within the errors has its interval by draws."
+        }
+        @if let Some(why) = &study.no_requirements { p.note { "Not studied: " (why) "." } }
     }
 }
 
@@ -343,6 +376,8 @@ mod tests {
             astray: Vec::new(),
             parameters: vec![parameter],
             pooled: vec![pooled],
+            requirements: Vec::new(),
+            no_requirements: None,
         }
     }
 

@@ -24,6 +24,11 @@ pub fn digits_by_error(value: f64, error: f64, least: usize) -> Option<usize> {
         .then(|| ((ratio.log10().floor() as i64).saturating_add(3)).clamp(least as i64, 12) as usize)
 }
 
+/// The end of an interval, to the digit that an error of the estimate beside it allows.
+pub fn digits_of_end(end: f64, error: f64) -> String {
+    digits(end, digits_by_error(end, error, 1).unwrap_or(2))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -40,6 +45,12 @@ mod tests {
             .map(|(v, n)| digits(*v, *n))
             .collect();
         assert_eq!(shown, ["6.0549", "1.50e-7", "123457", "-0.020", "10.000", "0"]);
+    }
+
+    #[test]
+    fn both_ends_of_an_interval_stop_at_the_same_digit() {
+        let shown = [(-0.000_472, 0.00189), (0.006_89, 0.00189), (12.3456, 0.189), (0.0, 0.1)];
+        assert_eq!(shown.map(|(end, error)| digits_of_end(end, error)), ["-0.00047", "0.00689", "12.346", "0"]);
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! A Monte-Carlo study: bias, scatter and coverage of every parameter over repeats, each with what chance leaves open.
 
+use super::requirement::{Assessment, By};
 use fdm_estimate::{Estimate, ParameterEstimate, Status, quantile};
 use fdm_numeric::statistics::beta_quantile;
 use serde::{Deserialize, Serialize};
@@ -40,6 +41,106 @@ pub struct Study {
     pub parameters: Vec<Coverage>,
     /// Of all parameters together, by kind of errors.
     pub pooled: Vec<Pooled>,
+    /// Of each requirement of the text.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub requirements: Vec<GoalCoverage>,
+    /// Why requirements of the text are not studied.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub no_requirements: Option<String>,
+}
+
+/// A requirement that is studied.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct Goal {
+    /// Its name.
+    pub name: String,
+    /// Its unit, as text.
+    pub unit: Option<String>,
+    /// Its value at the parameters that the records were made with; none where it has none there.
+    pub truth: Option<f64>,
+}
+
+/// What a repeat says of a requirement.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize)]
+pub struct Judged {
+    /// Its value; not a number where there is none.
+    pub value: f64,
+    /// Its interval of 95 %; not numbers where there is none.
+    pub interval: [f64; 2],
+    /// Whether the interval is one of draws.
+    pub drawn: bool,
+}
+
+impl Judged {
+    /// Nothing came out.
+    pub const NONE: Self = Self { value: f64::NAN, interval: [f64::NAN; 2], drawn: false };
+
+    /// What an assessment says.
+    pub fn of(assessment: &Assessment) -> Self {
+        Self {
+            value: assessment.value.unwrap_or(f64::NAN),
+            interval: assessment.interval.unwrap_or([f64::NAN; 2]),
+            drawn: assessment.by == Some(By::Draws),
+        }
+    }
+
+    fn is_there(&self) -> bool {
+        self.interval.iter().all(|v| v.is_finite())
+    }
+
+    fn holds(&self, truth: f64) -> bool {
+        self.interval[0] <= truth && truth <= self.interval[1]
+    }
+}
+
+/// One requirement over all repeats.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct GoalCoverage {
+    /// Which.
+    #[serde(flatten)]
+    pub goal: Goal,
+    /// Repeats in which it has a value.
+    pub repeats: usize,
+    /// Mean of these values.
+    pub mean: Option<f64>,
+    /// Their standard deviation.
+    pub scatter: Option<f64>,
+    /// Mean half width of the intervals.
+    pub half_width: Option<f64>,
+    /// Intervals that hold the truth, of those repeats that have one.
+    pub coverage: Share,
+    /// The same of all repeats: one without an interval does not hold the truth.
+    pub of_all: Share,
+    /// Truths above the interval, and below it.
+    pub missed: [usize; 2],
+    /// Intervals by draws, since the requirement is not linear within the errors.
+    pub drawn: usize,
+}
+
+impl GoalCoverage {
+    fn of(goal: &Goal, all: &[Judged]) -> Self {
+        let values: Vec<f64> = all.iter().map(|j| j.value).filter(|v| v.is_finite()).collect();
+        let there: Vec<&Judged> = all.iter().filter(|j| j.is_there()).collect();
+        let (n, truth) = (values.len() as f64, goal.truth.unwrap_or(f64::NAN));
+        let finite = |v: f64| v.is_finite().then_some(v);
+        let mean = values.iter().sum::<f64>() / n;
+        let scatter = (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0)).sqrt();
+        let hits = there.iter().filter(|j| j.holds(truth)).count();
+        let above = there.iter().filter(|j| truth > j.interval[1]).count();
+        let below = there.iter().filter(|j| truth < j.interval[0]).count();
+        let half = there.iter().map(|j| 0.5 * (j.interval[1] - j.interval[0])).sum::<f64>() / there.len() as f64;
+        Self {
+            goal: goal.clone(),
+            repeats: values.len(),
+            mean: finite(mean),
+            scatter: finite(scatter),
+            half_width: finite(half),
+            coverage: Share::new(hits, there.len()),
+            of_all: Share::new(hits, all.len()),
+            missed: [above, below],
+            drawn: there.iter().filter(|j| j.drawn).count(),
+        }
+    }
 }
 
 /// The errors of one kind over all parameters.
@@ -87,12 +188,40 @@ impl Study {
             astray,
             parameters,
             pooled,
+            requirements: Vec::new(),
+            no_requirements: None,
         }
+    }
+
+    /// With the requirements that repeats have judged.
+    #[must_use]
+    pub fn with_requirements(mut self, goals: &[Goal], repeats: &[Option<Repeat>]) -> Self {
+        let column = |k: usize| -> Vec<Judged> {
+            repeats.iter().flatten().map(|r| r.requirements.get(k).copied().unwrap_or(Judged::NONE)).collect()
+        };
+        let known = goals.iter().enumerate().filter(|(_, goal)| goal.truth.is_some());
+        self.requirements = known.map(|(k, goal)| GoalCoverage::of(goal, &column(k))).collect();
+        let none: Vec<&str> = goals.iter().filter(|g| g.truth.is_none()).map(|g| g.name.as_str()).collect();
+        self.no_requirements = (!none.is_empty()).then(|| format!("no value at the estimates: {}", none.join(", ")));
+        self
+    }
+
+    /// Without the requirements of the text, and why.
+    #[must_use]
+    pub fn without_requirements(mut self, why: &impl std::fmt::Display) -> Self {
+        self.no_requirements = Some(why.to_string());
+        self
     }
 
     /// Whether all repeats that were asked for are there.
     pub fn is_whole(&self) -> bool {
         self.done == self.asked
+    }
+
+    /// The requirement whose coverage is furthest from 95 %.
+    pub fn worst_requirement(&self) -> Option<&GoalCoverage> {
+        let off = |r: &GoalCoverage| (r.coverage.share - 0.95).abs();
+        self.requirements.iter().filter(|r| r.coverage.of > 0).max_by(|a, b| off(a).total_cmp(&off(b)))
     }
 
     /// The errors of all parameters that are to be trusted: corrected where there are any.
@@ -338,6 +467,8 @@ pub struct Repeat {
     pub astray: Vec<(String, String)>,
     /// What came out, in the order of the subjects.
     pub figures: Vec<Figure>,
+    /// What came out for the requirements, where they are studied.
+    pub requirements: Vec<Judged>,
 }
 
 impl Repeat {
@@ -348,7 +479,11 @@ impl Repeat {
 
     /// Nothing came out, for this reason.
     pub fn gone(reason: impl ToString, subjects: usize) -> Self {
-        Self { astray: vec![(String::new(), reason.to_string())], figures: vec![Figure::NONE; subjects] }
+        Self {
+            astray: vec![(String::new(), reason.to_string())],
+            figures: vec![Figure::NONE; subjects],
+            requirements: Vec::new(),
+        }
     }
 
     /// What an estimation says of the subjects.
@@ -357,7 +492,7 @@ impl Repeat {
             return Self::gone(&estimate.termination, subjects.len());
         }
         let of = |s: &Subject| estimate.parameter(&s.name, s.run.as_deref()).map_or(Figure::NONE, Figure::of);
-        Self { astray: Vec::new(), figures: subjects.iter().map(of).collect() }
+        Self { astray: Vec::new(), figures: subjects.iter().map(of).collect(), requirements: Vec::new() }
     }
 }
 
@@ -373,6 +508,32 @@ pub fn is_estimated(p: &ParameterEstimate) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn intervals_of_requirements_are_counted_with_the_side_on_which_they_miss() {
+        let judged =
+            |low: f64, high: f64| Judged { value: 0.5 * (low + high), interval: [low, high], drawn: low < 0.5 };
+        let repeat = |j: Judged| Some(Repeat { astray: Vec::new(), figures: Vec::new(), requirements: vec![j] });
+        let goal = |truth: Option<f64>| Goal { name: "damping".into(), unit: None, truth };
+        let repeats = [
+            repeat(judged(0.0, 2.0)),
+            repeat(judged(0.5, 0.9)),
+            repeat(judged(1.1, 1.2)),
+            repeat(Judged::NONE),
+            Some(Repeat::gone("lost", 0)),
+            None,
+        ];
+        let study = || Study::of("m", (None, 0), &[], &repeats);
+        let found = study().with_requirements(&[goal(Some(1.0))], &repeats);
+        let r = &found.requirements[0];
+        assert_eq!((r.repeats, r.coverage.hits, r.coverage.of, r.of_all.of), (3, 1, 3, 5));
+        assert_eq!((r.missed, r.drawn), ([1, 1], 1));
+        assert!((r.half_width.unwrap() - (1.0 + 0.2 + 0.05) / 3.0).abs() < 1e-12);
+        let none = study().with_requirements(&[goal(None)], &repeats);
+        assert!(none.requirements.is_empty() && none.no_requirements.unwrap().contains("damping"));
+        let why = study().without_requirements(&"runs differ").no_requirements;
+        assert_eq!(why.as_deref(), Some("runs differ"));
+    }
 
     #[test]
     fn intervals_are_those_of_the_tables() {
