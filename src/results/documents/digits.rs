@@ -24,9 +24,14 @@ pub fn digits_by_error(value: f64, error: f64, least: usize) -> Option<usize> {
         .then(|| ((ratio.log10().floor() as i64).saturating_add(3)).clamp(least as i64, 12) as usize)
 }
 
-/// The end of an interval, to the digit that an error of the estimate beside it allows.
+/// The end of an interval, to the third digit of the error beside it: both ends stop at the same place.
 pub fn digits_of_end(end: f64, error: f64) -> String {
-    digits(end, digits_by_error(end, error, 1).unwrap_or(2))
+    let places = end.abs().log10().floor() - error.log10().floor();
+    // of an end at zero, or without an error
+    if !places.is_finite() {
+        return digits(end, 4);
+    }
+    digits(end, (places + 3.0).clamp(1.0, 12.0) as usize)
 }
 
 #[cfg(test)]
