@@ -11,6 +11,7 @@
 
 use super::bands::Bands;
 use super::projection::Frame;
+use super::pursuit::Pursuit;
 use super::score::{Trial, equivalents};
 use fdm_numeric::random::Stream;
 use nalgebra::{DMatrix, DVector};
@@ -250,23 +251,7 @@ impl NullDraws {
 
     /// Products of the axes with residuals, weighed by 1/S (bands; of each residual).
     pub(super) fn products<'a>(&self, drawn: &DrawnResiduals, density: impl Fn(usize) -> &'a [f64]) -> DMatrix<f64> {
-        let mut weighed = drawn.along.clone();
-        for (k, mut column) in weighed.column_iter_mut().enumerate() {
-            for ((rows, _), density) in self.rows.iter().zip(density(k)) {
-                rows.clone().for_each(|row| column[row] /= density);
-            }
-        }
-        self.factors.transpose() * weighed
-    }
-
-    /// Sums of squares of residuals in all bands without these multiples of the axes.
-    pub(super) fn remainder(&self, drawn: &DrawnResiduals, multiples: &DMatrix<f64>) -> DMatrix<f64> {
-        let along = &drawn.along - &self.factors * multiples;
-        let of = |band: usize, k: usize| {
-            let rows = &self.rows[band].0;
-            along.view((rows.start, k), (rows.len(), 1)).norm_squared() + drawn.beside[(band, k)]
-        };
-        DMatrix::from_fn(self.rows.len(), drawn.beside.ncols(), of)
+        self.factors.transpose() * drawn.weighed(&self.rows, density)
     }
 
     /// Each residual by its own noise: from products of the axes with it, and weights 1/S (bands by residuals).
@@ -295,6 +280,88 @@ impl NullDraws {
         };
         (0..weights.ncols()).map(one).collect()
     }
+}
+
+impl DrawnResiduals {
+    /// Along the rows of the factors, over S.
+    fn weighed<'a>(&self, rows: &[(Range<usize>, usize)], density: impl Fn(usize) -> &'a [f64]) -> DMatrix<f64> {
+        let mut weighed = self.along.clone();
+        for (k, mut column) in weighed.column_iter_mut().enumerate() {
+            for ((rows, _), density) in rows.iter().zip(density(k)) {
+                rows.clone().for_each(|row| column[row] /= density);
+            }
+        }
+        weighed
+    }
+}
+
+/// What is taken out of drawn residuals before their noise is judged: what is fitted, and what each of them follows.
+#[derive(Debug, Clone)]
+pub(super) struct Extraction {
+    /// R of all bands in coordinates of a frame, and each band's rows.
+    factors: DMatrix<f64>,
+    rows: Vec<Range<usize>>,
+    /// S of each band, by which it is judged.
+    density: Vec<f64>,
+    absorbed: usize,
+    /// Bins of each band that the fit leaves.
+    freedom: Vec<f64>,
+    pursuit: Pursuit,
+}
+
+/// What is left of drawn residuals.
+pub(super) struct Left {
+    /// Sums of squares in each band (bands by residuals).
+    pub(super) squares: DMatrix<f64>,
+    /// Bins of each band, for each residual.
+    pub(super) freedom: Vec<Vec<f64>>,
+}
+
+impl Extraction {
+    /// With the frame of a density.
+    pub(super) fn new(bands: &Bands, frame: &Frame, density: Vec<f64>) -> Self {
+        let (mut rows, mut first) = (Vec::with_capacity(bands.list.len()), 0);
+        for band in &bands.list {
+            rows.push(first..first + band.factor.nrows());
+            first += band.factor.nrows();
+        }
+        let mut factors = DMatrix::zeros(first, frame.axes.ncols());
+        for (rows, band) in rows.iter().zip(&bands.list) {
+            factors.rows_mut(rows.start, rows.len()).copy_from(&(&band.factor * &frame.axes));
+        }
+        let taken = leverages(&factors.columns(0, frame.absorbed).into_owned(), &rows, &density);
+        let freedom = bands.list.iter().zip(taken).map(|(band, taken)| band.count as f64 - taken).collect();
+        let pursuit = frame.pursuit(bands.bins());
+        Self { factors, rows, density, absorbed: frame.absorbed, freedom, pursuit }
+    }
+
+    /// What is left of residuals that were drawn in the same bands.
+    pub(super) fn left(&self, drawn: &DrawnResiduals, drawing: &NullDraws) -> Left {
+        let mut multiples = self.factors.transpose() * drawn.weighed(&drawing.rows, |_| &self.density);
+        let beside = self.factors.ncols() - self.absorbed;
+        let mut freedom = Vec::with_capacity(multiples.ncols());
+        for mut column in multiples.column_iter_mut() {
+            let mut rest = column.rows_mut(self.absorbed, beside);
+            let own = rest.clone_owned();
+            let followed = self.pursuit.of(&own);
+            rest.copy_from(&(&followed * followed.tr_mul(&own)));
+            let along = self.factors.columns(self.absorbed, beside) * followed;
+            let taken = leverages(&along, &self.rows, &self.density);
+            freedom.push(self.freedom.iter().zip(taken).map(|(bins, taken)| (bins - taken).max(0.0)).collect());
+        }
+        let along = &drawn.along - &self.factors * multiples;
+        let of = |band: usize, k: usize| {
+            let rows = &self.rows[band];
+            along.view((rows.start, k), (rows.len(), 1)).norm_squared() + drawn.beside[(band, k)]
+        };
+        Left { squares: DMatrix::from_fn(self.rows.len(), drawn.beside.ncols(), of), freedom }
+    }
+}
+
+/// How many bins of each band orthonormal signals take out, from their rows.
+fn leverages(signals: &DMatrix<f64>, rows: &[Range<usize>], density: &[f64]) -> Vec<f64> {
+    let of = |(rows, density): (&Range<usize>, &f64)| signals.rows(rows.start, rows.len()).norm_squared() / density;
+    rows.iter().zip(density).map(of).collect()
 }
 
 impl DrawnScores<'_> {

@@ -3,6 +3,8 @@
 
 use super::bands::{Band, Bands};
 use super::basis::{Basis, gram};
+use super::pursuit::Pursuit;
+use super::score::ABSORBED;
 use fdm_numeric::random::Stream;
 use nalgebra::{DMatrix, DVector, QR, SymmetricEigen};
 
@@ -83,17 +85,31 @@ impl Frame {
         self.axes.tr_mul(&sum)
     }
 
-    /// The combinations of all signals that are taken out of the residual before its noise is judged: orthonormal, what is
-    /// fitted first (d by k); of what is beside it at most half of what the fit leaves of so many `bins`, so that short records keep
-    /// something to judge by.
+    /// What all signals together explain, whether the residual follows them or not: combinations that are orthonormal, what is fitted first
+    /// (d by k); of what is beside it no more than there is room for among so many `bins`.
     pub(super) fn saturated(&self, bins: usize) -> DMatrix<f64> {
         let strong = strongest(&self.directions);
-        let room = bins.saturating_sub(self.absorbed) / 2;
-        let strong = strong.columns(0, strong.ncols().min(room));
-        let mut basis = DMatrix::zeros(self.axes.ncols(), self.absorbed + strong.ncols());
+        self.beside_fit(&strong.columns(0, strong.ncols().min(self.room(bins))).into_owned())
+    }
+
+    /// The same of what a residual follows.
+    pub(super) fn pursuit(&self, bins: usize) -> Pursuit {
+        let usable = |k: &usize| self.directions.column(*k).norm_squared() > ABSORBED * self.energy[*k];
+        let usable: Vec<usize> = (0..self.directions.ncols()).filter(usable).collect();
+        Pursuit::new(self.directions.select_columns(&usable), self.room(bins).min(MOST + OTHERS))
+    }
+
+    /// What is fitted, and beside it these combinations (d - absorbed by k).
+    pub(super) fn beside_fit(&self, own: &DMatrix<f64>) -> DMatrix<f64> {
+        let mut basis = DMatrix::zeros(self.axes.ncols(), self.absorbed + own.ncols());
         basis.view_mut((0, 0), (self.absorbed, self.absorbed)).fill_with_identity();
-        basis.view_mut((self.absorbed, self.absorbed), strong.shape()).copy_from(&strong);
+        basis.view_mut((self.absorbed, self.absorbed), own.shape()).copy_from(own);
         basis
+    }
+
+    /// Of so many bins at most half of what the fit leaves, so that short records keep something to judge by.
+    fn room(&self, bins: usize) -> usize {
+        bins.saturating_sub(self.absorbed) / 2
     }
 }
 

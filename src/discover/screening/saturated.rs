@@ -1,5 +1,6 @@
-//! The noise that fit and candidates together leave of a residual: spectrum and projection that belong together, with outliers cut
-//! back.
+//! The noise that fit and candidates leave of a residual: spectrum and projection that belong together, with outliers cut back. A first
+//! spectrum is what all candidates together leave, whatever is missing; by it the residual is asked which of them it follows, and only these
+//! are taken out.
 //!
 //! What a resonance leaves where a record begins and ends.
 //!
@@ -24,9 +25,9 @@ use fdm_numeric::random::mixed;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-/// Rounds of noise from residuals and projection by noise: with the shape inside bands that the residual has, and with that of what
-/// is left of it.
-const ROUNDS: [usize; 2] = [2, 2];
+/// Rounds of noise from residuals and projection by noise: without all that candidates explain, with the shape inside bands that the residual
+/// has; and without what the residual follows, with the shape of what is left of it.
+const ROUNDS: [usize; 2] = [2, 3];
 /// Bins of a band below which it is taken to be fitted away.
 const LEAST_FREEDOM: f64 = 0.2;
 /// Bins of differences between runs by which alone an output's noise is judged.
@@ -39,8 +40,6 @@ pub(super) struct Noise {
     pub(super) spectra: Vec<LogSpectrum>,
     /// S of each band.
     pub(super) density: Vec<f64>,
-    /// What the projection leaves of each band's bins.
-    pub(super) freedom: Vec<f64>,
     /// Combinations of shared columns that are taken out of the residual, and what they are together.
     pub(super) taken: (DMatrix<f64>, DVector<f64>),
     /// Mean square of each output's residual.
@@ -55,36 +54,41 @@ impl Noise {
         let bands = Bands::new(shared, &spectra, false);
         let level = levels(&bands);
         let density = densities(&bands, &spectra);
-        let mut noise = Self { bands, spectra, density, freedom: Vec::new(), taken: Default::default(), level };
-        noise.settle(shared, ROUNDS[0]);
-        for rounds in &ROUNDS[1..] {
-            noise.bands = Bands::new(shared, &noise.spectra, true);
-            noise.density = densities(&noise.bands, &noise.spectra);
-            noise.settle(shared, *rounds);
+        let mut noise = Self { bands, spectra, density, taken: Default::default(), level };
+        for _ in 0..ROUNDS[0] {
+            let frame = Frame::new(shared, &noise.bands, &noise.density);
+            let held = frame.saturated(noise.bands.bins());
+            noise.renew(&frame, &held, noise.density.clone());
+        }
+        noise.bands = Bands::new(shared, &noise.spectra, true);
+        for _ in 0..ROUNDS[1] {
+            let density = likeliest(&noise.bands, &noise.spectra);
+            let frame = Frame::new(shared, &noise.bands, &density);
+            let residual = frame.residual(&noise.bands, &density);
+            let rest = residual.rows(frame.absorbed, frame.directions.nrows()).into_owned();
+            let held = frame.beside_fit(&frame.pursuit(noise.bands.bins()).of(&rest));
+            noise.renew(&frame, &held, density);
         }
         noise
     }
 
-    fn settle(&mut self, shared: &Basis, rounds: usize) {
-        for _ in 0..rounds {
-            let frame = Frame::new(shared, &self.bands, &self.density);
-            let held = frame.saturated(self.bands.bins());
-            let basis = &frame.axes * &held;
-            let multiples = &basis * held.tr_mul(&frame.residual(&self.bands, &self.density));
-            let left: Vec<f64> = self.bands.list.par_iter().map(|band| remainder(band, &multiples)).collect();
-            let own = self.bands.list.iter().zip(&self.density);
-            let own: Vec<(&Band, &f64)> = own.collect();
-            self.freedom = own.par_iter().map(|(c, s)| (c.count as f64 - leverage(c, **s, &basis)).max(0.0)).collect();
-            self.taken = (basis, multiples);
-            self.spectra = self.fitted(&left, None);
-            self.density = densities(&self.bands, &self.spectra);
-        }
+    /// By what is left without these combinations (d by k) of the axes of a frame, which is that of a density.
+    fn renew(&mut self, frame: &Frame, held: &DMatrix<f64>, density: Vec<f64>) {
+        let basis = &frame.axes * held;
+        let multiples = &basis * held.tr_mul(&frame.residual(&self.bands, &density));
+        let left: Vec<f64> = self.bands.list.par_iter().map(|band| remainder(band, &multiples)).collect();
+        let own: Vec<(&Band, &f64)> = self.bands.list.iter().zip(&density).collect();
+        let freedom: Vec<f64> =
+            own.par_iter().map(|(c, s)| (c.count as f64 - leverage(c, **s, &basis)).max(0.0)).collect();
+        self.taken = (basis, multiples);
+        self.spectra = self.fitted(&left, &freedom, None);
+        self.density = densities(&self.bands, &self.spectra);
     }
 
-    /// Spectra by what is left of a residual in each band; these may be like those.
-    pub(super) fn fitted(&self, left: &[f64], like: Option<&[LogSpectrum]>) -> Vec<LogSpectrum> {
+    /// Spectra by what is left of a residual in each band, and of its bins; these may be like those.
+    pub(super) fn fitted(&self, left: &[f64], freedom: &[f64], like: Option<&[LogSpectrum]>) -> Vec<LogSpectrum> {
         let of = |channel: usize| {
-            let own = self.bands.list.iter().zip(left).zip(&self.freedom);
+            let own = self.bands.list.iter().zip(left).zip(freedom);
             // differences between runs know nothing of a lack of fit, even of one that no candidate explains
             let bins = |c: &Band| if c.channel == channel && c.reference { c.count } else { 0 };
             let referred = self.bands.list.iter().map(bins).sum::<usize>() >= REFERENCE;
@@ -116,6 +120,11 @@ fn levels(bands: &Bands) -> Vec<f64> {
 /// S of each band, as far as it is believed.
 pub(super) fn densities(bands: &Bands, spectra: &[LogSpectrum]) -> Vec<f64> {
     bands.list.iter().map(|band| spectra[band.channel].inflated(band.log_frequency)).collect()
+}
+
+/// The same, however little is known of it: by this it is judged what a residual follows.
+pub(super) fn likeliest(bands: &Bands, spectra: &[LogSpectrum]) -> Vec<f64> {
+    bands.list.iter().map(|band| spectra[band.channel].at(band.log_frequency)).collect()
 }
 
 /// How far a resonance stands out of what is beside it, in log S.

@@ -4,9 +4,9 @@
 
 use super::basis::{Basis, gram};
 use super::consistency::{Consistency, consistencies};
-use super::null_distribution::{DrawnScores, Marginals, NullDraws, critical, exceedance};
+use super::null_distribution::{DrawnScores, Extraction, Marginals, NullDraws, critical, exceedance};
 use super::projection::Frame;
-use super::saturated::{Noise, densities};
+use super::saturated::{Noise, densities, likeliest};
 use super::score::{ABSORBED, Best, Direction, Shape, Trial, best, equivalents};
 use super::standardised::{Outlier, Saturated};
 use crate::bins::{OutputBins, Record};
@@ -293,7 +293,7 @@ pub(super) struct Judge<'a> {
     noise: Noise,
     frame: Frame,
     /// What is taken out of a residual before its noise is judged.
-    held: DMatrix<f64>,
+    extraction: Extraction,
     drawing: NullDraws,
     /// Products of the axes with the residual.
     residual: DVector<f64>,
@@ -322,7 +322,8 @@ impl<'a> Judge<'a> {
         trials.par_iter_mut().for_each(|t| t.freedom = freedom(t, &noise, &drawing));
         let marginals = Marginals::new(&frame.directions, &trials, candidates);
         let residual = frame.residual(&noise.bands, &noise.density);
-        let held = frame.saturated(noise.bands.bins());
+        let plain = likeliest(&noise.bands, &noise.spectra);
+        let extraction = Extraction::new(&noise.bands, &Frame::new(&shared, &noise.bands, &plain), plain);
         let seed = residual.iter().fold(0xcbf2_9ce4_8422_2325, |hash: u64, v| {
             (hash ^ v.to_bits()).wrapping_mul(0x0000_0100_0000_01b3).rotate_left(23)
         });
@@ -334,7 +335,7 @@ impl<'a> Judge<'a> {
             directions,
             candidates,
             noise,
-            held,
+            extraction,
             frame,
             drawing,
             residual,
@@ -366,11 +367,15 @@ impl<'a> Judge<'a> {
         };
         let deviations: Vec<Vec<f64>> = normals.iter_mut().map(deviations).collect();
         let drawn = drawing.drawn(&deviations, &mut normals);
-        // what a fit and the saturation take out, by the noise that was found
-        let products = drawing.products(&drawn, |_| &noise.density);
-        let left = drawing.remainder(&drawn, &(&self.held * (self.held.transpose() * products)));
-        let seems = |left: &[f64]| densities(&noise.bands, &noise.fitted(left, Some(&noise.spectra)));
-        let density: Vec<Vec<f64>> = left.column_iter().map(|left| seems(left.as_slice())).collect();
+        let left = self.extraction.left(&drawn, drawing);
+        let seems =
+            |left: &[f64], freedom: &[f64]| densities(&noise.bands, &noise.fitted(left, freedom, Some(&noise.spectra)));
+        let density: Vec<Vec<f64>> = left
+            .squares
+            .column_iter()
+            .zip(&left.freedom)
+            .map(|(left, freedom)| seems(left.as_slice(), freedom))
+            .collect();
         let products = drawing.products(&drawn, |k| &density[k]);
         let weights = DMatrix::from_fn(noise.density.len(), density.len(), |band, k| 1.0 / density[k][band]);
         let worth = |judged: &DrawnScores<'_>| {

@@ -8,6 +8,7 @@ use super::predictor::{Predictor, tolerance};
 use super::projection::{Projected, Projection};
 use super::whitening::CommonNoise;
 use crate::screening::Shape;
+use fdm_grammar::effect::Kind;
 use fdm_grammar::syntax::Class;
 use fdm_system::model::Model;
 use fdm_system::simulate::{choose_steps_within, integration_error};
@@ -39,7 +40,7 @@ const FACTOR: f64 = 1.5;
 const STEPS: usize = 6;
 /// Iterations of a fit, and what one of them must predicted gain.
 const WHOLE: usize = 25;
-const FINE: f64 = 0.01;
+pub(super) const FINE: f64 = 0.01;
 
 /// An effect that was fitted jointly with the model.
 pub(super) struct CandidateModel {
@@ -62,6 +63,8 @@ pub(super) struct CandidateModel {
     pub(super) cost: usize,
     /// What kind of explanation it is.
     pub(super) class: Class,
+    /// How simple it is: whether it has a limit or a width, and how many numbers, those that are fixed too.
+    pub(super) form: (bool, usize),
     /// Starts that were not followed, the best first.
     others: Vec<Vec<Vec<f64>>>,
 }
@@ -309,6 +312,10 @@ impl ForwardStep<'_> {
             direction,
             cost,
             class: attached.candidate.effect().class(),
+            form: (
+                attached.candidate.kind() == Kind::Finite,
+                attached.params().iter().filter(|p| p.begins_as.is_none()).count(),
+            ),
             others,
         })
     }

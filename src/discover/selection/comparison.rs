@@ -7,7 +7,7 @@
 //! much, whatever the model; by the first runs' noise they would decide alone which model holds. So a band in which every model that is
 //! compared leaves far more than that noise is given what the best of them leaves there.
 
-use super::candidate_model::CandidateModel;
+use super::candidate_model::{CandidateModel, FINE};
 use super::error::DiagnosisError;
 use super::fitted_model::{records, shared_from};
 use super::fitting::{FitProblem, Fitting};
@@ -22,7 +22,7 @@ use crate::noise::LogSpectrum;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use rayon::prelude::*;
-use std::ops::RangeInclusive;
+use std::ops::{Range, RangeInclusive};
 
 /// Candidates that are refitted, at least.
 const FEWEST: usize = 8;
@@ -244,10 +244,31 @@ impl ForwardStep<'_> {
     }
 }
 
-/// Of scores that differ by rounding only (|x| x where x is positive is x^2) the catalogue's order decides.
+/// Scores that differ by no more than this are equal: fits end where no step gains more than a fifth of it.
+pub(super) const EQUAL: f64 = 5.0 * FINE;
+
+/// The best score first; of equals the simplest, and then the first of the catalogue: |x| x where x is positive is x^2, and a dead zone of an
+/// input of one sign is a constant force.
 fn sort(models: &mut [CandidateModel]) {
-    let of = |c: &CandidateModel| (c.score() * 1e4).round();
-    models.sort_by(|a, b| of(b).total_cmp(&of(a)).then(a.candidate.cmp(&b.candidate)));
+    models.sort_by(|a, b| b.score().total_cmp(&a.score()).then(a.candidate.cmp(&b.candidate)));
+    let scores: Vec<f64> = models.iter().map(CandidateModel::score).collect();
+    for equals in equals(&scores) {
+        models[equals].sort_by(|a, b| a.form.cmp(&b.form).then(a.candidate.cmp(&b.candidate)));
+    }
+}
+
+/// Falling scores in ranges, each of those that equal its first.
+fn equals(scores: &[f64]) -> Vec<Range<usize>> {
+    let (mut ranges, mut first) = (Vec::new(), 0);
+    for k in 1..=scores.len() {
+        // also of two that are no numbers none equals the other
+        let equal = k < scores.len() && scores[first] - scores[k] <= EQUAL;
+        if !equal {
+            ranges.push(first..k);
+            first = k;
+        }
+    }
+    ranges
 }
 
 /// A model on the validation runs: its predictors to them and all parameters there.
@@ -299,6 +320,13 @@ mod tests {
 
     fn bins(power: impl Fn(usize) -> f64) -> Vec<(f64, f64)> {
         (1..200).map(|k| ((k as f64).ln(), power(k))).collect()
+    }
+
+    #[test]
+    fn equals_are_those_of_the_best_of_them() {
+        let scores = [9.0, 9.0 - 0.9 * EQUAL, 9.0 - 1.8 * EQUAL, 4.0, f64::NEG_INFINITY, f64::NEG_INFINITY];
+        assert_eq!(equals(&scores), [0..2, 2..3, 3..4, 4..5, 5..6]);
+        assert_eq!(equals(&[]), []);
     }
 
     #[test]

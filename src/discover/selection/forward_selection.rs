@@ -705,8 +705,13 @@ impl<'a> ForwardSelection<'a> {
         match attribution.map(|a| a.verdict) {
             Some(Origin::Disturbance) if confirmed => Verdict::EffectFound,
             Some(Origin::Disturbance) => Verdict::Disturbance,
-            // effects that are the nearest likeness of a law, which is far likelier
-            Some(Origin::UnknownCause) if !confirmed && attribution.is_some_and(is_law) => Verdict::UnknownCause,
+            // effects that are the nearest likeness of a law, which is far likelier. A law repeats, and so does its likeness: that other runs confirm an effect
+            // which explains nothing of the residual as a whole says nothing against a law
+            Some(Origin::UnknownCause)
+                if attribution.is_some_and(|a| is_law(a) && !(confirmed && a.by_effect.is_some_and(|e| e > 0.0))) =>
+            {
+                Verdict::UnknownCause
+            }
             // what an accepted effect leaves is told beside it
             _ if found => Verdict::EffectFound,
             Some(Origin::UnknownCause) => Verdict::UnknownCause,

@@ -11,7 +11,8 @@
 //! the squared error falls by the sum of d^2 on average; if it is of no use at all, by nothing. Where the fall is within two standard
 //! errors of that sum, and no loss of one, plain errors cannot say that it is not there, and the likelihood has said that it is.
 //!
-//! What predicts worse than the model as it was given is never recommended.
+//! What predicts validation runs worse than the model as it was given is never recommended; nor what predicts parts of the runs, by fits to the
+//! others, worse by more than one standard error.
 //!
 //! Physics first: a set with a stand-in in it is recommended only where it predicts better than the best set without, by more than one standard
 //! error of the difference, and is likelier with all penalties counted; a set with an effect of a sensor beside mechanisms where it is likelier
@@ -82,7 +83,8 @@ pub(super) struct Level {
     repeats: Option<Repeated>,
     /// What it predicts.
     predicted: Option<Predicted>,
-    /// Squared error of that over that of the model as it was given; none where nothing was predicted.
+    /// Squared error of that over that of the model as it was given; none where nothing was predicted, or a fit to a part of the runs predicts the
+    /// others no worse than chance would.
     error: Option<f64>,
 }
 
@@ -269,8 +271,11 @@ impl FrontProblem<'_> {
         if let Some(naive) = self.predicted_as_given() {
             let found: Vec<Option<Predicted>> = levels.iter().map(of).collect();
             if levels.iter().zip(&found).all(|(level, found)| found.is_some() || level.objection().is_some()) {
+                let validated = !self.runs.validation().is_empty();
                 for (level, found) in levels.iter_mut().zip(found) {
-                    level.error = found.as_ref().map(|found| self.relative(found, &naive));
+                    // a fit to a part of the runs predicts the rest by chance a little better or worse
+                    let told = found.as_ref().filter(|found| validated || self.is_clearly_worse(found, &naive));
+                    level.error = told.map(|found| self.relative(found, &naive));
                     level.predicted = found;
                 }
                 return Prediction { naive, fitted: false };
@@ -283,6 +288,12 @@ impl FrontProblem<'_> {
             level.predicted = level.written.as_ref().ok().map(|written| left(&written.fitted));
         }
         Prediction { naive: left(self.first), fitted: true }
+    }
+
+    /// Whether something predicts worse than the model as it was given, by more than one standard error; also where too little is
+    /// independent to tell.
+    fn is_clearly_worse(&self, predicted: &Predicted, naive: &Predicted) -> bool {
+        self.advantage(predicted, naive, naive).is_none_or(|gained| gained.reduction < -gained.error)
     }
 
     /// The best model with one effect less.

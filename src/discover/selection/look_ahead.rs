@@ -7,7 +7,7 @@
 
 use super::best_subsets::{Columns, Subset};
 use super::candidate_model::{CandidateModel, Prediction};
-use super::comparison::Comparison;
+use super::comparison::{Comparison, EQUAL};
 use super::directions::TrialPoint;
 use super::elimination::rebuilt;
 use super::error::DiagnosisError;
@@ -29,6 +29,8 @@ const BEGINNINGS: usize = 3;
 const ALTERNATIVE: f64 = 0.25;
 /// Cosine above which two candidate models are one beginning.
 const ALIKE: f64 = 0.97;
+/// Cosine above which two of equal scores say the same.
+const SAME: f64 = 0.9999;
 /// Partners of a beginning that are fitted with it, and those among which the best two are looked for.
 const PARTNERS: usize = 2;
 const PAIRED: usize = 12;
@@ -102,6 +104,7 @@ impl ForwardSelection<'_> {
             let among = totals.iter().filter(|(k, _)| is_mechanism(k));
             mechanism = among.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(k, _)| *k).or(mechanism);
         }
+        (chosen, mechanism) = (simplest(comparison, fit, chosen), mechanism.map(|k| simplest(comparison, fit, k)));
         let current = Arc::new(self.with_candidate(step, &comparison.models[chosen], scales)?);
         Ok(Some(NextStep { candidate: chosen, current, mechanism }))
     }
@@ -176,6 +179,17 @@ impl ForwardSelection<'_> {
         }
         FittedModel::new(model, self.runs, theta)
     }
+}
+
+/// The simplest candidate model that says what this one says: a set holds but one of several that are alike, whichever that is.
+fn simplest(comparison: &Comparison, fit: &[usize], chosen: usize) -> usize {
+    let own = &comparison.models[chosen];
+    let same = |k: &usize| {
+        let other = &comparison.models[*k];
+        (other.score() - own.score()).abs() <= EQUAL && cosine(&other.direction, &own.direction).abs() > SAME
+    };
+    // equals come in the order of how simple they are
+    fit.iter().copied().find(same).unwrap_or(chosen)
 }
 
 impl ForwardStep<'_> {

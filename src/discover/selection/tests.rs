@@ -266,6 +266,25 @@ fn a_steady_offset_is_named() {
     assert!(models.len() == 2 && models[1].recommended && models[1].error_training < 0.2, "{models:?}");
 }
 
+/// A dead zone of an input of one sign takes a constant away: of equals the simplest is named.
+#[test]
+fn of_equal_effects_the_simplest_is_named() {
+    const TEXT: &str =
+        "model m { input u; state v = 0; param a = 1, b = 2; der(v) = b*u - a*v FORCE; output speed = v; }";
+    let steps = |phase: f64| move |t: f64| ((t + phase) / 1.3).floor().rem_euclid(3.0) + 1.0;
+    let truth = TEXT.replace("FORCE", "- 0.5");
+    let runs = [run(&truth, "a", steps(0.0), &[], 0.02), run(&truth, "b", steps(1.9), &[], 0.02)];
+    let zone = "effect input_dead_zone(i: input) \"zone\" { param width = 0 in [0, size(i)] try scale(i, 0.06), \
+                scale(i, 0.18); replace i with deadzone(i, width); }";
+    let (catalogue, findings) = Catalogue::read(&Source::new("zone.fdm", format!("{zone}{SOME}")));
+    assert!(findings.is_empty(), "{findings:?}");
+    let model = Model::from_text("model.fdm", TEXT.replace("FORCE", "")).unwrap();
+    let found = diagnose(&model, &runs, &[], &catalogue, &DiagnosisOptions::default(), &|_| ()).unwrap();
+    let group: Vec<String> = found.causes[0].group.iter().map(|member| member.place.to_string()).collect();
+    assert_eq!(found.causes[0].place.to_string(), "constant_force(v)", "{group:?}");
+    assert!(group.iter().any(|place| place == "input_dead_zone(u)"), "{group:?}");
+}
+
 /// One record in 1/f noise, off by seven times its noise: slow noise may be that as well, but "nothing is missing" would be wrong.
 #[test]
 fn an_error_beyond_its_noise_is_never_nothing() {

@@ -9,6 +9,10 @@
 //! Where errors come in bursts a few differences make most of the sum, and its error is as large: a response that is nearer everywhere,
 //! by as much, would be called chance. So the logarithm of the ratio of mean squares, block by block, is tested as well (Student's t
 //! over blocks; Ibragimov & Mueller, Journal of Business & Economic Statistics 28 (2010) 453), and the chance is twice the lesser one.
+//!
+//! Where the differences of no run are quick enough for blocks, three runs or more are blocks themselves, as they are independent of each
+//! other whatever the memory within them: both tests are then Student's over runs. Which it is to be, the memory of the differences decides,
+//! not their sign or size.
 
 use super::autoregression::of_series;
 use fdm_numeric::statistics::Student;
@@ -21,6 +25,8 @@ const MOST: usize = 200;
 /// Fewest and most blocks of a run, and fewest independent differences of a block.
 const BLOCKS: (usize, usize) = (8, 32);
 const OF_BLOCK: f64 = 2.0;
+/// Fewest runs that can stand for blocks.
+const RUNS: usize = 3;
 
 /// By how much one response is nearer than another.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize)]
@@ -63,10 +69,16 @@ pub fn advantage(runs: &[(Vec<f64>, Vec<f64>)]) -> Option<Advantage> {
         return None;
     }
     let error = variance.sqrt() / count;
-    let by_sum = 2.0 * Student::new(degrees as f64)?.tail((mean / error).abs());
+    let mut by_sum = 2.0 * Student::new(degrees as f64)?.tail((mean / error).abs());
+    let whole: Vec<(f64, f64)> = runs.iter().filter_map(|(own, other)| mean_squares(own, other)).collect();
+    if ratios.is_empty() && whole.len() >= RUNS {
+        ratios = whole.iter().map(|(own, other)| (other / own).ln()).collect();
+        let differences: Vec<f64> = whole.iter().map(|(own, other)| other - own).collect();
+        by_sum = chance(&differences).map_or(1.0, |(_, p)| p);
+    }
     // a median response can be nearer while the mean is not: only what agrees with the sum is taken for an advantage
-    let by_blocks = block_chance(&ratios).filter(|(sign, _)| *sign == mean.signum()).map_or(1.0, |(_, p)| p);
-    let p_value = if ratios.is_empty() { by_sum } else { (2.0 * by_sum.min(by_blocks)).min(1.0) };
+    let by_ratios = chance(&ratios).filter(|(sign, _)| *sign == mean.signum()).map_or(1.0, |(_, p)| p);
+    let p_value = if ratios.is_empty() { by_sum } else { (2.0 * by_sum.min(by_ratios)).min(1.0) };
     let (square, independent) = (others / count, count * spread / variance);
     Some(Advantage { reduction: mean / square, error: error / square, independent, p_value })
 }
@@ -87,12 +99,20 @@ fn block_ratios(own: &[f64], other: &[f64], independent: f64) -> Vec<f64> {
     sums.iter().filter(|(own, other)| *own > 0.0 && *other > 0.0).map(|(own, other)| (other / own).ln()).collect()
 }
 
-/// The sign of the mean of what blocks say, and the chance of a mean as far from zero.
-fn block_chance(ratios: &[f64]) -> Option<(f64, f64)> {
-    let count = ratios.len() as f64;
-    let mean = ratios.iter().sum::<f64>() / count;
-    let variance = ratios.iter().map(|r| (r - mean).powi(2)).sum::<f64>() / (count - 1.0);
-    if ratios.len() < BLOCKS.0 || variance.is_nan() || variance <= 0.0 {
+/// Mean squares of a run, own and other, where both are known; none where one of them is zero.
+fn mean_squares(own: &[f64], other: &[f64]) -> Option<(f64, f64)> {
+    let present = own.iter().zip(other).filter(|(v, w)| !v.is_nan() && !w.is_nan());
+    let (own, other, count) =
+        present.fold((0.0, 0.0, 0.0), |(own, other, count), (v, w)| (own + v * v, other + w * w, count + 1.0));
+    (own > 0.0 && other > 0.0).then(|| (own / count, other / count))
+}
+
+/// The sign of the mean of what blocks or runs say, and the chance of a mean as far from zero.
+fn chance(values: &[f64]) -> Option<(f64, f64)> {
+    let count = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    let variance = values.iter().map(|r| (r - mean).powi(2)).sum::<f64>() / (count - 1.0);
+    if values.len() < RUNS || variance.is_nan() || variance <= 0.0 {
         return None;
     }
     Some((mean.signum(), 2.0 * Student::new(count - 1.0)?.tail(mean.abs() / (variance / count).sqrt())))
@@ -161,13 +181,33 @@ mod tests {
 
     #[test]
     fn chance_alone_is_significant_as_often_as_it_says() {
-        let mut significant = 0;
         const REPEATS: u64 = 400;
-        for k in 0..REPEATS {
-            let runs = [0, 1].map(|run| (noise(4 * k + run, 400, 0.8), noise(4 * k + run + 2, 400, 0.8)));
-            significant += usize::from(advantage(&runs).is_some_and(|a| a.p_value < 0.05));
+        // runs, their length, and how much a value keeps of the one before
+        for (count, length, memory) in [(2, 400, 0.8), (1, 400, 0.0), (3, 200, 0.9), (4, 120, 0.97), (3, 60, 0.97)] {
+            let significant = |k: &u64| {
+                let of = |run: u64| noise(8 * k + run, length, memory);
+                let runs: Vec<_> = (0..count).map(|run| (of(run), of(run + count))).collect();
+                advantage(&runs).is_some_and(|a| a.p_value < 0.05)
+            };
+            let significant = (0..REPEATS).filter(significant).count();
+            println!("{count} runs of {length}, memory {memory}: {significant} of {REPEATS}");
+            // 20 are to be expected; 4 standard deviations of a count are 17
+            assert!(significant <= 38, "{count} runs of {length}, memory {memory}: {significant} of {REPEATS}");
         }
-        // 20 are to be expected; 4 standard deviations of a count are 17
-        assert!((5..=38).contains(&significant), "{significant} of {REPEATS}");
+    }
+
+    /// Three runs too slow for blocks, in each of which the error is smaller by ten times and more.
+    #[test]
+    fn runs_that_agree_are_no_chance_however_slow() {
+        let run = |k: u64| {
+            let own = noise(20 + k, 100, 0.98);
+            let size = 13.0 + 4.0 * k as f64;
+            (own, noise(30 + k, 100, 0.98).iter().map(|v| size * v).collect())
+        };
+        let runs: Vec<(Vec<f64>, Vec<f64>)> = (0..3).map(run).collect();
+        let found = advantage(&runs).expect("a cosine for each run");
+        assert!(found.p_value < 0.05, "{found:?}");
+        let back: Vec<_> = runs.into_iter().map(|(a, b)| (b, a)).collect();
+        assert_eq!(advantage(&back).map(|a| a.p_value), Some(found.p_value));
     }
 }

@@ -9,6 +9,8 @@ pub(super) enum Colour {
     White,
     /// 70 % of the power in 1/f, the rest white.
     Pink,
+    /// First order Gauss-Markov, nine tenths of it kept from sample to sample.
+    Markov,
     /// A resonance.
     Resonant,
     /// Six tenths of the power of every output are the same white noise.
@@ -18,7 +20,7 @@ pub(super) enum Colour {
 }
 
 impl Colour {
-    pub(super) const ALONE: [Self; 3] = [Self::White, Self::Pink, Self::Resonant];
+    pub(super) const ALONE: [Self; 4] = [Self::White, Self::Pink, Self::Markov, Self::Resonant];
     pub(super) const SHARED: [Self; 2] = [Self::Common, Self::Gust];
 
     /// Noise of unit variance for every output.
@@ -26,6 +28,7 @@ impl Colour {
         match self {
             Self::White => (0..channels).map(|_| white(samples, normal)).collect(),
             Self::Pink => (0..channels).map(|_| mixed(0.7, &pink(samples, normal), normal)).collect(),
+            Self::Markov => (0..channels).map(|_| markov(samples, normal)).collect(),
             Self::Resonant => (0..channels).map(|_| resonant(samples, normal)).collect(),
             Self::Common => {
                 let shared = white(samples, normal);
@@ -64,6 +67,15 @@ fn lagged(noise: &[f64], lag: f64) -> Vec<f64> {
     let size = (out.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / out.len() as f64).sqrt();
     out.iter_mut().for_each(|v| *v /= size);
     out
+}
+
+fn markov(samples: usize, normal: &mut Stream) -> Vec<f64> {
+    let mut last = normal.normal_of_pair();
+    let mut next = || {
+        last = 0.9 * last + 0.19_f64.sqrt() * normal.normal_of_pair();
+        last
+    };
+    (0..samples).map(|_| next()).collect()
 }
 
 fn resonant(samples: usize, normal: &mut Stream) -> Vec<f64> {

@@ -239,6 +239,26 @@ fn a_drift_is_no_effect_in_noise_that_drifts() {
     assert!(found.iter().filter(|p| **p < 0.5).count() >= 5, "{found:?}");
 }
 
+/// All candidates together would leave nothing of three means, nor of the bins below the corner of the noise.
+#[test]
+fn a_zero_is_found_in_slow_noise() {
+    let (family, mut normal) = (super::family::short_period(3, false, false), Stream::seeded(31));
+    let mut chance = |deviations: f64| {
+        let mut runs = family.noisy(Colour::Markov, 0.05, &mut normal);
+        let own = runs.iter().flat_map(|run| run.residual.iter().step_by(family.channels));
+        let size = (own.map(|r| r * r).sum::<f64>() / 1200.0).sqrt();
+        // the mean of 400 such values has the variance of 400 / 19 independent ones
+        let zero = deviations * size * (19.0_f64 / 400.0).sqrt();
+        runs.iter_mut().for_each(|run| run.residual.iter_mut().step_by(family.channels).for_each(|r| *r += zero));
+        let found = screened(&runs, family.channels, &family.directions);
+        (found.family_wise, found.ranking[0])
+    };
+    let found: Vec<(f64, usize)> = (0..6).map(|_| chance(5.0)).collect();
+    assert!(found.iter().filter(|(p, first)| *p < 0.01 && *first == 0).count() >= 5, "{found:?}");
+    let nothing: Vec<(f64, usize)> = (0..20).map(|_| chance(0.0)).collect();
+    assert!(nothing.iter().filter(|(p, _)| *p < 0.05).count() <= 4, "{nothing:?}");
+}
+
 #[test]
 fn noise_alone_has_the_same_spectrum_without_judging() {
     let (runs, directions) = records(2, 200, 2, Colour::Pink, 22);
