@@ -372,7 +372,7 @@ impl<'a> Grid<'a> {
                 let x = x.clamp(axis[0], axis[axis.len() - 1]);
                 let left = axis.partition_point(|a| *a <= x).clamp(1, axis.len() - 1) - 1;
                 let part = (x - axis[left]) / (axis[left + 1] - axis[left]);
-                let upper = corner >> k & 1;
+                let upper = (corner >> k) & 1;
                 index = index * axis.len() + left + upper;
                 weight *= if upper == 1 { part } else { 1.0 - part };
             }
