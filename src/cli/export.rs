@@ -1,9 +1,9 @@
 //! `fdm export`: the model of a text or a result for other tools.
 
-use crate::campaign::Role;
+use crate::campaign::{Role, known_value};
 use crate::deliver::write;
 use crate::failure::{Ending, Failure, OrFailure, ended, print_data, remark};
-use crate::load::{ModelOrResult, RunList, Selection, number, read_runs};
+use crate::load::{ModelOrResult, RunList, map_file, number, pair, read_runs};
 use crate::modes::with_estimates;
 use crate::ownership::Overwriting;
 use crate::problem;
@@ -16,7 +16,9 @@ use fdm_exchange::recursive::recursive_source;
 use fdm_exchange::source::source;
 use fdm_exchange::state_space::StateSpace;
 use fdm_grammar::emit::{Elementary, Language};
+use fdm_readers::RecordMap;
 use fdm_system::Model;
+use fdm_system::record::{Known, ReadOptions};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -40,7 +42,7 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     recursive: Recursive,
     /// The file, or the folder of a problem; `-` for standard output, where it is text
-    #[arg(short, long, value_name = "FILE")]
+    #[arg(short, long, value_name = "FILE", help_heading = "Result")]
     output: Option<PathBuf>,
     /// Read by the rule for files that are written over others.
     #[command(flatten)]
@@ -63,8 +65,18 @@ struct Recursive {
     data: Vec<PathBuf>,
     #[command(flatten)]
     list: RunList,
-    #[command(flatten)]
-    selection: Selection,
+    /// Column of a channel when its name differs; the time is called `t`; `y=log(c [mol/l])` takes logarithms
+    #[arg(long = "map", value_name = "CHANNEL=COLUMN", value_parser = pair, requires = "recorded")]
+    map: Vec<(String, String)>,
+    /// Map of the channels: fields of a log or columns, with unit, sign, scale, hold, delay; a file, or `px4`, `ardupilot`, `fti`
+    #[arg(long, value_name = "MAP.toml", value_parser = map_file, requires = "recorded")]
+    map_file: Option<RecordMap>,
+    /// Zero-order hold: this input keeps its value until the next sample [default: linear between samples]
+    #[arg(long, value_name = "INPUT", requires = "recorded")]
+    zoh: Vec<String>,
+    /// Value that the runs bring (`known T0 per run;`), in the model's unit or its own (`--known 'T0=20 degC'`)
+    #[arg(long, value_name = "NAME=VALUE", value_parser = known_value, requires = "recorded")]
+    known: Vec<Known>,
 }
 
 impl Recursive {
@@ -83,8 +95,17 @@ impl Recursive {
 
     /// The estimator, weighed by the records.
     fn source(&self, model: &Model) -> Result<String, Failure> {
-        let model = self.list.grouped(model, &self.selection)?;
-        let mut files = self.list.files((&self.data, Role::Fit), &self.selection.options(false), &model)?;
+        let groups = self.list.table()?.map(|table| table.groups(model)).unwrap_or_default();
+        let model = if groups.is_empty() { model.clone() } else { model.grouped(groups)? };
+        let reading = ReadOptions {
+            map: self.map.clone(),
+            map_file: self.map_file.clone(),
+            hold: self.zoh.clone(),
+            known: self.known.clone(),
+            require_outputs: false,
+            ..ReadOptions::default()
+        };
+        let mut files = self.list.files((&self.data, Role::Fit), &reading, &model)?;
         files.retain(|file| file.role == Role::Fit);
         let runs = read_runs(&files, &model, &[], true)?;
         let forgetting = self.forgetting.unwrap_or(RecursiveOptions::default().forgetting);

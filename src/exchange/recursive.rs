@@ -159,7 +159,7 @@ impl<'a> Writer<'a> {
         if !self.late.is_empty() {
             let longest = self.late.iter().fold(0.0_f64, |most, l| most.max(l.tau));
             // twice what the records needed, for intervals that are shorter in flight
-            let kept = (2.0 * longest / constants.interval).ceil().clamp(2.0, 1e6) as usize + 2;
+            let kept = (2.0 * longest / constants.interval).ceil().clamp(6.0, 1e6) as usize + 2;
             text += &format!("    @LATE = {}, /* delayed signals */\n", self.late.len());
             text = format!(
                 "#ifndef @HISTORY\n#define @HISTORY {kept} /* samples that are kept for delays */\n#endif\n\nenum {{\n{text}"

