@@ -203,10 +203,6 @@ fn what_is_no_estimator_is_said() {
     assert!(desk.refused("export m.fdm --to rust --recursive --data run2.csv").contains("--to c"));
     assert!(desk.refused("export m.fdm --to c --data run2.csv").contains("records are for --recursive"));
     assert!(desk.refused("export m.fdm --to c --recursive").contains("--data"));
-    // records of a project are for what works on them
-    desk.write("fdm.toml", "model = \"m.fdm\"\ndata = \"run2.csv\"\n[options]\nzoh = [\"u\"]\n");
-    desk.good("export --to c -o plain.c");
-    assert!(desk.refused("export --to c --recursive -o e.c").contains("no equation of the model is a regression"));
     let text = "model d { input u; state x = 0; param a = -1, b = 1; der(x) = a*x + b*der(u); output y = x; }";
     desk.write("d.fdm", text);
     let rows: String = (0..40)
@@ -215,6 +211,10 @@ fn what_is_no_estimator_is_said() {
     desk.write("d.csv", format!("t, u, y\n{rows}"));
     let told = desk.refused("export d.fdm --to c --recursive --data d.csv");
     assert!(told.contains("needs the next sample"), "{told}");
+    // records of a project are for what works on them
+    desk.write("fdm.toml", "model = \"m.fdm\"\ndata = \"run2.csv\"\n[options]\nzoh = [\"u\"]\n");
+    desk.good("export --to c -o plain.c");
+    assert!(desk.refused("export --to c --recursive -o e.c").contains("no equation of the model is a regression"));
 }
 
 /// A reader of DAVE-ML that knows what the standard says of gridded tables, and nothing of fdm: the file's own check cases, and the model's outputs.
