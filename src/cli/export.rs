@@ -66,16 +66,16 @@ struct Recursive {
     #[command(flatten)]
     list: RunList,
     /// Column of a channel when its name differs; the time is called `t`; `y=log(c [mol/l])` takes logarithms
-    #[arg(long = "map", value_name = "CHANNEL=COLUMN", value_parser = pair, requires = "recorded")]
+    #[arg(long = "map", value_name = "CHANNEL=COLUMN", value_parser = pair, requires = "recorded", help_heading = "Data")]
     map: Vec<(String, String)>,
     /// Map of the channels: fields of a log or columns, with unit, sign, scale, hold, delay; a file, or `px4`, `ardupilot`, `fti`
-    #[arg(long, value_name = "MAP.toml", value_parser = map_file, requires = "recorded")]
+    #[arg(long, value_name = "MAP.toml", value_parser = map_file, requires = "recorded", help_heading = "Data")]
     map_file: Option<RecordMap>,
     /// Zero-order hold: this input keeps its value until the next sample [default: linear between samples]
-    #[arg(long, value_name = "INPUT", requires = "recorded")]
+    #[arg(long, value_name = "INPUT", requires = "recorded", help_heading = "Data")]
     zoh: Vec<String>,
     /// Value that the runs bring (`known T0 per run;`), in the model's unit or its own (`--known 'T0=20 degC'`)
-    #[arg(long, value_name = "NAME=VALUE", value_parser = known_value, requires = "recorded")]
+    #[arg(long, value_name = "NAME=VALUE", value_parser = known_value, requires = "recorded", help_heading = "Data")]
     known: Vec<Known>,
 }
 
