@@ -1,17 +1,24 @@
 //! `fdm export`: the model of a text or a result for other tools.
 
+use crate::campaign::{Role, known_value};
 use crate::deliver::write;
 use crate::failure::{Ending, Failure, OrFailure, ended, print_data, remark};
-use crate::load::ModelOrResult;
+use crate::load::{ModelOrResult, RunList, map_file, number, pair, read_runs};
 use crate::modes::with_estimates;
 use crate::ownership::Overwriting;
+use crate::problem;
 use clap::{Args, ValueEnum};
+use fdm_estimate::equation_error::{RecursiveEstimator, RecursiveOptions};
+use fdm_exchange::daveml::tables;
 use fdm_exchange::fmu::{self, Contents, Version};
 use fdm_exchange::jsbsim::system;
+use fdm_exchange::recursive::recursive_source;
 use fdm_exchange::source::source;
 use fdm_exchange::state_space::StateSpace;
 use fdm_grammar::emit::{Elementary, Language};
+use fdm_readers::RecordMap;
 use fdm_system::Model;
+use fdm_system::record::{Known, ReadOptions};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -32,12 +39,79 @@ pub(crate) struct Arguments {
     /// Library that goes into a unit [default: beside this program; `cargo build --release --package fdm-fmu` builds it]
     #[arg(long, value_name = "FILE")]
     library: Option<PathBuf>,
-    /// The file; `-` for standard output, where it is text
-    #[arg(short, long, value_name = "FILE")]
+    #[command(flatten)]
+    recursive: Recursive,
+    /// The file, or the folder of a problem; `-` for standard output, where it is text
+    #[arg(short, long, value_name = "FILE", help_heading = "Result")]
     output: Option<PathBuf>,
     /// Read by the rule for files that are written over others.
     #[command(flatten)]
     _overwriting: Overwriting,
+}
+
+/// An estimator for a vehicle in flight.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Recursive least squares")]
+struct Recursive {
+    /// With `--to c`: an estimator that follows the parameters sample by sample in flight, without allocation; records of the vehicle give
+    /// the sizes of its signals and of its noise
+    #[arg(long, requires = "recorded")]
+    recursive: bool,
+    /// Forgetting factor: weight of a sample relative to the one after it, above 0, at most 1 [default: 0.99]
+    #[arg(long, value_parser = number, value_name = "G", allow_negative_numbers = true, requires = "recursive")]
+    forgetting: Option<f64>,
+    /// Recorded runs (CSV with a header `name [unit], ...`), or patterns; may be given several times
+    #[arg(long = "data", value_name = "RUN", num_args = 1.., group = "recorded", help_heading = "Data")]
+    data: Vec<PathBuf>,
+    #[command(flatten)]
+    list: RunList,
+    /// Column of a channel when its name differs; the time is called `t`; `y=log(c [mol/l])` takes logarithms
+    #[arg(long = "map", value_name = "CHANNEL=COLUMN", value_parser = pair, requires = "recorded", help_heading = "Data")]
+    map: Vec<(String, String)>,
+    /// Map of the channels: fields of a log or columns, with unit, sign, scale, hold, delay; a file, or `px4`, `ardupilot`, `fti`
+    #[arg(long, value_name = "MAP.toml", value_parser = map_file, requires = "recorded", help_heading = "Data")]
+    map_file: Option<RecordMap>,
+    /// Zero-order hold: this input keeps its value until the next sample [default: linear between samples]
+    #[arg(long, value_name = "INPUT", requires = "recorded", help_heading = "Data")]
+    zoh: Vec<String>,
+    /// Value that the runs bring (`known T0 per run;`), in the model's unit or its own (`--known 'T0=20 degC'`)
+    #[arg(long, value_name = "NAME=VALUE", value_parser = known_value, requires = "recorded", help_heading = "Data")]
+    known: Vec<Known>,
+}
+
+impl Recursive {
+    /// Options that would be ignored are refused.
+    fn refuse(&self, to: To) -> Result<(), Failure> {
+        let said = match (self.recursive, to) {
+            (true, To::C) => return Ok(()),
+            (true, _) => "--recursive is for --to c: the estimator is a file of C",
+            (false, _) if !self.data.is_empty() || self.list.is_given() => {
+                "records are for --recursive: a model is written without them"
+            }
+            (false, _) => return Ok(()),
+        };
+        Err(Failure::input([said]))
+    }
+
+    /// The estimator, weighed by the records.
+    fn source(&self, model: &Model) -> Result<String, Failure> {
+        let groups = self.list.table()?.map(|table| table.groups(model)).unwrap_or_default();
+        let model = if groups.is_empty() { model.clone() } else { model.grouped(groups)? };
+        let reading = ReadOptions {
+            map: self.map.clone(),
+            map_file: self.map_file.clone(),
+            hold: self.zoh.clone(),
+            known: self.known.clone(),
+            require_outputs: false,
+            ..ReadOptions::default()
+        };
+        let mut files = self.list.files((&self.data, Role::Fit), &reading, &model)?;
+        files.retain(|file| file.role == Role::Fit);
+        let runs = read_runs(&files, &model, &[], true)?;
+        let forgetting = self.forgetting.unwrap_or(RecursiveOptions::default().forgetting);
+        let estimator = RecursiveEstimator::of(&model, &runs, forgetting).or_failure()?;
+        recursive_source(&estimator).or_failure()
+    }
 }
 
 /// Kinds of files.
@@ -53,6 +127,10 @@ enum To {
     Control,
     /// System of JSBSim
     Jsbsim,
+    /// Tables of the model, as DAVE-ML 2.0
+    Daveml,
+    /// Folder with a problem of PEtab, version 1: SBML and tables, of a result with its records
+    Petab,
 }
 
 /// The model with the values that it is used with, and standard errors by name: those of a run of a result, where one is given.
@@ -75,7 +153,14 @@ pub(crate) fn with_values(
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
+    arguments.recursive.refuse(arguments.to)?;
     let file = arguments.output.as_deref().filter(|path| *path != Path::new("-"));
+    if arguments.to == To::Petab {
+        let Some(folder) = file else {
+            return Err(Failure::input(["a problem of PEtab is a folder: name it with -o DIR"]));
+        };
+        return problem::run(&arguments.model, folder);
+    }
     let (model, errors) = with_values(&arguments.model, arguments.like.as_deref())?;
     let text = match arguments.to {
         To::Fmu => {
@@ -84,9 +169,21 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
             };
             return unit(arguments, (&model, &errors), path);
         }
+        To::C if arguments.recursive.recursive => arguments.recursive.source(&model)?,
         To::C => source(&model, &Language::C).or_failure()?,
         To::Rust => source(&model, &Language::Rust(Elementary::Path("libm".into()))).or_failure()?,
+        // written before
+        To::Petab => String::new(),
         To::Jsbsim => system(&model).or_failure()?,
+        To::Daveml => {
+            let found = tables(&model, &errors).or_failure()?;
+            for (table, error) in &found.resampled {
+                remark(format_args!(
+                    "note: `{table}` is no linear table: on a finer grid straight lines err by {error:.1e} at most"
+                ));
+            }
+            found.text
+        }
         To::Control => {
             let found = StateSpace::of(&model).or_failure()?;
             if !found.delays.is_empty() {

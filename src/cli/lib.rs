@@ -38,6 +38,7 @@ mod ownership;
 mod page;
 mod paths;
 mod plan;
+mod problem;
 mod profile;
 mod progress;
 mod progress_file;
@@ -89,7 +90,7 @@ enum Verb {
     Doctor(doctor::Arguments),
     /// List candidate effects for a model: the catalogue, and where each effect fits
     Effects(effects::Arguments),
-    /// Write a model or a result for other tools: functional mock-up unit, C, Rust, state space, JSBSim
+    /// Write a model or a result for other tools: functional mock-up unit, C, Rust, state space, JSBSim, DAVE-ML, PEtab
     Export(export::Arguments),
     /// Write effects into a model's own text, and print what changes
     Extend(effects::Extend),

@@ -728,7 +728,7 @@ pub(crate) fn map_file(text: &str) -> Result<RecordMap, String> {
 }
 
 /// `CHANNEL=COLUMN`
-fn pair(text: &str) -> Result<(String, String), String> {
+pub(crate) fn pair(text: &str) -> Result<(String, String), String> {
     let (channel, column) = text.split_once('=').ok_or("expected CHANNEL=COLUMN")?;
     Ok((channel.trim().to_string(), column.trim().to_string()))
 }

@@ -14,6 +14,9 @@ pub(crate) const NAME: &str = "fdm.toml";
 /// The option that leaves it aside.
 const ASIDE: &str = "--no-project";
 
+/// Options that say how records are read, or what is made of them, where a command can do without records.
+const OF_RECORDS: [&str; 5] = ["map", "map-file", "zoh", "known", "forgetting"];
+
 /// What the file holds; paths are relative to its folder.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -127,7 +130,15 @@ impl Asked<'_> {
         self.project.model.iter().filter(|_| wanted).map(|m| self.at(m)).collect()
     }
 
+    /// Whether the command works on records, as far as its options say.
+    fn works_on_records(&self) -> bool {
+        self.verb.get_name() != "export" || self.is_typed("recursive")
+    }
+
     fn records(&self) -> Vec<String> {
+        if !self.works_on_records() {
+            return Vec::new();
+        }
         let project = self.project;
         let takes = |id: &str| self.argument(id).is_some();
         let mut added = Vec::new();
@@ -135,7 +146,7 @@ impl Asked<'_> {
         let predicts = ["validate", "compare"].contains(&self.verb.get_name());
         let of_result = self.is_typed("from_result") && !predicts;
         let table = self.argument("runs").is_some_and(|a| a.get_long() == Some("runs") && !a.is_required_set())
-            && takes("salvage")
+            && (takes("salvage") || self.verb.get_name() == "export")
             && self.verb.get_name() != "design";
         let named = self.is_typed("data") || table && self.is_typed("runs") || of_result;
         if takes("data") && !named {
@@ -213,7 +224,8 @@ impl Asked<'_> {
             }
         }
         for (name, value) in own {
-            if long(self.verb, name).is_some_and(|id| self.is_typed(&id)) {
+            let is_of_records = OF_RECORDS.contains(&name) && !self.works_on_records();
+            if is_of_records || long(self.verb, name).is_some_and(|id| self.is_typed(&id)) {
                 continue;
             }
             added.extend(typed(name, value));

@@ -1,5 +1,5 @@
 //! PEtab problems and SBML models: **in** the files of a problem, **out** a readable model of the language, its records, and a report of what
-//! was left out ([`Import`]).
+//! was left out ([`Import`]); and the way back, from a model with its records to the files of a problem ([`problem()`]).
 //!
 //! **Never** simulates, and never guesses: what the language or the estimation has not is refused in words, with file, line and column.
 //! **Start** at [`import`] (tables, expressions, values by experiment, text). PEtab: Schmiester and others, PLOS Computational Biology 17 (2021).
@@ -9,14 +9,17 @@ mod expression;
 mod formula;
 mod mathml;
 mod names;
+mod problem;
 mod records;
 mod sbml;
+mod sbml_text;
 mod tables;
 mod translation;
 mod values;
 mod version_two;
 mod writing;
 
+pub use problem::{Deviation, Record, Unsuited, problem};
 pub use records::File;
 
 use std::path::Path;

@@ -217,7 +217,8 @@ class Study:
         def pod(index: int) -> int:
             environment = {**self.environment, "JOB_COMPLETION_INDEX": str(index)}
             for _ in range(101):
-                code = subprocess.run([str(self.fdm), *words[1:]], cwd=where, env=environment, check=False).returncode
+                words_of_pod = [str(self.fdm), *words[1:]]
+                code = subprocess.run(words_of_pod, cwd=where, env=environment, capture_output=True, check=False).returncode
                 if code in (0, 2):
                     return code
             return 1

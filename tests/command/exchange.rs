@@ -2,14 +2,18 @@
 
 #![allow(unsafe_code, reason = "a unit's library is loaded and called, as a simulator does")]
 
+use crate::daveml;
 use fdm::Model;
 use fdm_exchange::Stamp;
+use fdm_exchange::daveml::tables;
 use fdm_exchange::fmu::{Kind, Variables, Version};
 use fdm_exchange::verify::Artefact;
 use libloading::Library;
+use std::collections::BTreeMap;
 use std::ffi::{CString, c_char, c_int, c_uint, c_void};
 use std::fs;
 use std::path::PathBuf;
+use std::process::Command;
 use support::Desk;
 use support::command::{printed, said};
 
@@ -102,6 +106,176 @@ fn what_cannot_be_exported_or_verified_is_said() {
     let matrices = desk.json("export m.fdm --to control");
     assert_eq!(matrices["A"][1][0], -36.0);
     assert_eq!(matrices["delays"][0]["tau"], 0.13);
+}
+
+/// Two equations that share a parameter by a tie; a late input, a held one, a value of the run, a measured regressor, an output that is a
+/// scaled state with an offset.
+const FLIGHT: &str = "model flight {
+  input u, e;
+  known W per run;
+  state x = 0, z = 0;
+  param a = -1, b = 1, c = 0.1, d = -1, k = 0.5 fixed, off = 0 per run;
+  tie d = 2*a;
+  der(x) = a*x + b*delay(u, 0.13) - c*x*z + k*z + 0.1*W;
+  der(z) = d*z - x + e*cos(t) + off + 0.2*tanh(measured(y2));
+  output y1 = 2*x + 1, y2 = z;
+}";
+
+/// What a flight computer would do with the file: samples in, estimates out.
+const COMPUTER: &str = "#include \"est.c\"
+#include <stdio.h>
+int main(void)
+{
+    static flight_estimator e;
+    double sample[1 + flight_INPUTS + flight_OUTPUTS], value[flight_UNKNOWNS], error[flight_UNKNOWNS];
+    int k = 0;
+    flight_begin(&e);
+    while (scanf(\"%lf\", sample + k) == 1)
+        if (++k == 1 + flight_INPUTS + flight_OUTPUTS) {
+            flight_sample(&e, sample[0], sample + 1, sample + 1 + flight_INPUTS);
+            k = 0;
+        }
+    flight_estimate(&e, value, error);
+    for (k = 0; k < flight_UNKNOWNS; k++)
+        printf(\"%d %.17g %.17g\\n\", flight_unknown_param[k], value[k], error[k]);
+    return flight_sample(&e, 0.0, sample + 1, sample + 1) == -1 ? 0 : 1;
+}
+";
+
+#[test]
+fn an_estimator_in_c_follows_the_parameters_as_fdm_does() {
+    let desk = Desk::with([("m.fdm", FLIGHT), ("computer.c", COMPUTER)]);
+    let (mut record, mut samples) = (String::from("t, u, e, y1, y2\n"), String::new());
+    for k in 0..400_i32 {
+        // uneven times, jumps, gaps
+        let t = 0.05 * f64::from(k) + 0.01 * (f64::from(k) * 0.7).sin() - if k == 0 { 0.0 } else { 0.002 };
+        let (u, e) = ((1.3 * t).sin() + 0.3 * (4.1 * t).cos(), f64::from(u8::from(k % 90 < 40)));
+        let (y1, y2) = (1.0 + (0.9 * t + 0.4).sin(), 0.6 * (1.7 * t).cos() + 0.1 * e);
+        let cell = |value: f64, gap: bool| if gap { String::new() } else { format!("{value:?}") };
+        let (one, two) = (cell(y1, k % 50 == 17), cell(y2, false));
+        record += &format!("{t:?}, {u:?}, {e:?}, {one}, {two}\n");
+        let number = |cell: &str| if cell.is_empty() { "nan".to_string() } else { cell.to_string() };
+        samples += &format!("{t:?} {u:?} {e:?} 3 {} {}\n", number(&one), number(&two));
+    }
+    desk.write("run.csv", record);
+    desk.write("samples.txt", &samples);
+    let data = "--data run.csv --known W=3 --zoh e --forgetting 0.98";
+    desk.good(&format!("export m.fdm --to c --recursive {data} -o est.c"));
+    let fitted = desk.json(&format!("regress m.fdm --recursive --best last {data} --json"));
+    let compiler = std::env::var("CC").unwrap_or_else(|_| "cc".into());
+    let flags = "-std=c99 -Wall -Wextra -Werror -Wno-unused-function -O2 -ffp-contract=off -o computer computer.c -lm";
+    let compiled = Command::new(&compiler).args(flags.split(' ')).current_dir(desk.folder()).output();
+    let Ok(compiled) = compiled else { return println!("no compiler `{compiler}` here") };
+    assert!(compiled.status.success(), "{}", said(&compiled));
+    let samples = fs::File::open(desk.path("samples.txt")).unwrap();
+    let told = Command::new(desk.path("computer")).stdin(samples).output().unwrap();
+    assert!(told.status.success());
+    let definition = Model::from_file(desk.path("m.fdm")).unwrap().definition().clone();
+    let mut worst = 0.0_f64;
+    let lines = printed(&told);
+    for line in lines.lines() {
+        let numbers: Vec<f64> = line.split(' ').map(|v| v.parse().unwrap()).collect();
+        let name = &definition.params[numbers[0] as usize].quantity.name;
+        let own = fitted["parameters"].as_array().unwrap().iter().find(|p| p["name"] == name.as_str()).unwrap();
+        for (key, found) in [("value", numbers[1]), ("standard_error", numbers[2])] {
+            let expected = own[key].as_f64().unwrap();
+            worst = worst.max((found / expected - 1.0).abs());
+        }
+    }
+    assert_eq!(lines.lines().count(), 4, "a, b, c, off: {lines}");
+    println!("largest relative difference from fdm regress: {worst:.1e}");
+    assert!(worst < 1e-9, "{worst:e}");
+    let verified = desk.fdm("verify est.c --against m.fdm");
+    assert!(verified.status.success(), "{}{}", printed(&verified), said(&verified));
+    assert!(printed(&verified).contains("estimates"), "{}", printed(&verified));
+    // one that forgets another way
+    let wrong = desk.text("est.c").replace("1.0 / sqrt(e->forgetting)", "1.0 / e->forgetting");
+    desk.write("wrong.c", wrong);
+    assert_eq!(desk.fdm("verify wrong.c --against m.fdm").status.code(), Some(1));
+}
+
+#[test]
+fn what_is_no_estimator_is_said() {
+    let desk = desk();
+    desk.write("run2.csv", "t [s], u [deg], y [deg], w [deg/s]\n0, 0, 0, 0\n0.1, 1, 0.1, 1\n0.2, 1, 0.3, 1\n");
+    let told = desk.refused("export m.fdm --to c --recursive --data run2.csv -o e.c");
+    assert!(told.contains("no equation of the model is a regression"), "{told}");
+    assert!(desk.refused("export m.fdm --to rust --recursive --data run2.csv").contains("--to c"));
+    assert!(desk.refused("export m.fdm --to c --data run2.csv").contains("records are for --recursive"));
+    assert!(desk.refused("export m.fdm --to c --recursive").contains("--data"));
+    let text = "model d { input u; state x = 0; param a = -1, b = 1; der(x) = a*x + b*der(u); output y = x; }";
+    desk.write("d.fdm", text);
+    let rows: String = (0..40)
+        .map(|k| format!("{}, {}, {}\n", 0.1 * f64::from(k), (0.1 * f64::from(k)).sin(), (0.07 * f64::from(k)).cos()))
+        .collect();
+    desk.write("d.csv", format!("t, u, y\n{rows}"));
+    let told = desk.refused("export d.fdm --to c --recursive --data d.csv");
+    assert!(told.contains("needs the next sample"), "{told}");
+    // records of a project are for what works on them
+    desk.write("fdm.toml", "model = \"m.fdm\"\ndata = \"run2.csv\"\n[options]\nzoh = [\"u\"]\n");
+    desk.good("export --to c -o plain.c");
+    assert!(desk.refused("export --to c --recursive -o e.c").contains("no equation of the model is a regression"));
+}
+
+/// A reader of DAVE-ML that knows what the standard says of gridded tables, and nothing of fdm: the file's own check cases, and the model's outputs.
+#[test]
+fn tables_are_read_by_another_program() {
+    let wing = "model wing \"a wing\" { input alpha [deg], delta [deg], M; state q [rad/s] = 0; param CL1 = 0.6, Cmq = -3 [1/s];
+        table CL(alpha [deg], delta [deg]) \"lift\" [1] = linear { alpha: [-5, 0, 10], delta: [-10, 20], CL: [[-0.4, -0.1], [0, CL1], [0.8, 1.1]] };
+        table CD(M) = cubic { 0.2: 0.02, 0.5: 0.022, 0.8: 0.04, 1.1: 0.09 };
+        table K(alpha [deg], delta [deg], M) = linear { alpha: [0, 1], delta: [0, 2], M: [0, 1, 3],
+          K: [[[1, 2, 4], [0, 1, 5]], [[2, 2, 2], [1, 3, 3]]] };
+        der(q) = Cmq*q; output L = CL(alpha, delta), D = CD(M), k = K(alpha, delta, M), qm [rad/s] = q; }";
+    let desk = Desk::with([("w.fdm", wing)]);
+    let done = desk.fdm("export w.fdm --to daveml --set CL1=0.7 -o w.dml");
+    assert!(said(&done).contains("`CD` is no linear table"), "{}", said(&done));
+    let text = desk.text("w.dml");
+    let read = daveml::Functions::read(&text);
+    assert_eq!(read.names(), ["CD", "CL", "K"]);
+    let cases = daveml::cases(&text);
+    assert_eq!(cases.len(), 8);
+    for case in &cases {
+        for (name, value, tolerance) in &case.outputs {
+            let found = read.value(name, &case.inputs);
+            assert!((found - value).abs() <= *tolerance, "{name} at {:?}: {found} {value}", case.inputs);
+        }
+    }
+    // and the model's own words
+    let points = [[-5.0, -10.0, 0.2], [3.3, 4.4, 0.61], [0.4, 1.7, 1.03], [12.0, 30.0, 2.0], [0.9, 0.3, 0.5]];
+    let mut record = String::from("t, alpha, delta, M\n");
+    points.iter().enumerate().for_each(|(k, [a, d, m])| record += &format!("{k}, {a}, {d}, {m}\n"));
+    desk.write("p.csv", record);
+    let simulated = desk.good("simulate w.fdm --set CL1=0.7 --data p.csv --zoh alpha --zoh delta --zoh M");
+    let rows: Vec<Vec<f64>> = simulated
+        .lines()
+        .skip(1)
+        .map(|line| line.split(',').map(|cell| cell.trim().parse().unwrap()).collect())
+        .collect();
+    assert_eq!(rows.len(), points.len());
+    for (row, point) in rows.iter().zip(&points) {
+        let inputs: Vec<(String, f64)> =
+            ["alpha", "delta", "M"].iter().zip(point).map(|(n, v)| ((*n).to_string(), *v)).collect();
+        for (name, expected, room) in [("CL", row[1], 1e-12), ("CD", row[2], 1e-4), ("K", row[3], 1e-12)] {
+            let found = read.value(name, &inputs);
+            assert!((found - expected).abs() < room, "{name} at {point:?}: {found} {expected}");
+        }
+    }
+    // the curvature of the spline is below 2/3, a part of an interval 0.3/16 long: straight lines err by h^2/8 of it
+    let model = Model::from_file(desk.path("w.fdm")).unwrap();
+    let found = tables(&model, &BTreeMap::from([("CL1".to_string(), 0.03), ("Cmq".to_string(), 0.2)])).unwrap();
+    let [(name, error)] = &found.resampled[..] else { panic!("{:?}", found.resampled) };
+    assert!(name == "CD" && *error > 0.0 && *error < 0.7 * (0.3_f64 / 16.0).powi(2) / 8.0, "{error:e}");
+    assert!(found.text.contains("<dataTable>0.0, 0.0, 0.0, 0.03, 0.0, 0.0</dataTable>"), "{}", found.text);
+    assert!(found.text.contains("<bounds>0.2</bounds>"), "{}", found.text);
+    let variables = found.text.matches("<variableDef ").count();
+    assert_eq!(variables, 3 + 3 + 1, "arguments of one name and unit are one variable; nodes are none: {}", found.text);
+    let told = |text: &str| {
+        desk.write("bad.fdm", text);
+        desk.refused("export bad.fdm --to daveml")
+    };
+    assert!(told(ACTUATOR).contains("has no `table`"));
+    let made = "model m { input u; param a = 1; table T(x) = linear { 0: 2*a, 1: 1 }; output y = T(u); }";
+    assert!(told(made).contains("a node of the table `T` is an expression"));
 }
 
 type Environment = *mut c_void;

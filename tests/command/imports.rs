@@ -3,7 +3,7 @@
 
 use serde_json::Value;
 use std::fmt::Write as _;
-use support::command::Desk;
+use support::command::{Desk, said};
 use support::repository;
 
 /// What a problem consists of; tables with commas in the place of tabs.
@@ -407,6 +407,182 @@ fn events_of_sbml_become_events() {
     assert!(desk.refused("import late.xml -o q").contains("after a delay is not read"));
     desk.write("early.xml", text.replace("initialValue=\"true\"", "initialValue=\"false\""));
     assert!(desk.refused("import early.xml -o q").contains("counts as false"));
+}
+
+/// A model with its records, which is written as a problem and read again.
+#[derive(Clone)]
+struct There<'a> {
+    model: &'a str,
+    /// Of each run its name, what stands in the table of runs behind it, and its record.
+    runs: Vec<(&'a str, &'a str, String)>,
+    /// Header of that table behind `file,run`.
+    brought: &'a str,
+    /// Options of the fit.
+    options: &'a str,
+}
+
+/// Numbers of a record: `of` makes a row out of a time and a noise between -0.5 and 0.5.
+fn recorded(header: &str, interval: f64, of: &mut dyn FnMut(f64, &mut dyn FnMut() -> f64) -> Vec<f64>) -> String {
+    let mut state = 11_u32;
+    let mut noise = move || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        f64::from(state) / f64::from(u32::MAX) - 0.5
+    };
+    let mut text = format!("time,{header}\n");
+    for k in 0..40 {
+        let t = interval * f64::from(k);
+        let row: Vec<String> =
+            of(t, &mut noise).iter().map(|v| if v.is_nan() { String::new() } else { format!("{v:?}") }).collect();
+        writeln!(text, "{t:?},{}", row.join(",")).unwrap();
+    }
+    text
+}
+
+/// Log-likelihood of the model as it was judged, and of the problem that was written and read again.
+fn there_and_back(there: &There<'_>) -> [f64; 2] {
+    let desk = Desk::with([("model.fdm", there.model)]);
+    let mut table = format!("file,run{}\n", there.brought);
+    for (name, brought, record) in &there.runs {
+        desk.write(&format!("{name}.csv"), record);
+        writeln!(table, "{name}.csv,{name}{brought}").unwrap();
+    }
+    desk.write("runs.csv", table);
+    let judged = |done: &std::process::Output| -> f64 {
+        let result: Value = serde_json::from_slice(&done.stdout).unwrap_or_else(|_| panic!("{}", said(done)));
+        result["log_likelihood"].as_f64().unwrap_or_else(|| panic!("{result}"))
+    };
+    let exact = "--integration-accuracy 1e-11 --json -q";
+    let before = judged(&desk.fdm(&format!("fit model.fdm --runs runs.csv {} {exact} --out r", there.options)));
+    desk.good("export --from-result r --to petab -o problem");
+    assert!(desk.refused("export --from-result r --to petab -o problem").contains("problem"));
+    let yaml = desk.names("problem").into_iter().find(|name| name.ends_with(".yaml")).unwrap();
+    desk.good(&format!("import problem/{yaml} -o back"));
+    let again = desk.command(&format!("fit --iterations 0 {exact}")).current_dir(desk.path("back")).output().unwrap();
+    [before, judged(&again)]
+}
+
+/// Noise that is open, a number, an expression; values that runs bring or have of their own; inputs of steps and of slopes; a log scale, priors,
+/// free initial values; events; a fit that has converged, and values where none has begun.
+#[test]
+fn problems_that_are_written_have_the_likelihood_of_their_result() {
+    let tank = recorded("u,xm,zm", 0.1, &mut |t, noise| {
+        let u = if t < 1.45 { 1.1 } else { 0.2 };
+        vec![u, 1.0 - (-t).exp() + 0.03 * noise(), 0.3 * t / (1.0 + t) + 0.2 + 0.02 * noise()]
+    });
+    let other = recorded("u,xm,zm", 0.1, &mut |t, noise| {
+        let u = if t < 0.95 { 0.4 } else { 0.7 };
+        vec![
+            u,
+            0.8 - 0.5 * (-t).exp() + 0.03 * noise(),
+            if t > 3.0 { f64::NAN } else { 0.2 + 0.05 * t + 0.02 * noise() },
+        ]
+    });
+    let tanks = There {
+        model: "model tank {
+            input u; known T0 per run; state x = free; state z = z0;
+            param k = 0.5 in [0.01, 10] log, g = 0.3 in [0, 2], z0 = 0.2, b = 0 per run; prior g ~ normal(0.3, 0.2);
+            der(x) = u - k*x*sqrt(x^2 + 0.1) + 0.05*sin(t)*T0; der(z) = g*x - z;
+            output xm = x + b, zm = sqrt(z^2 + 0.01); noise zm = 0.02 + 0.05*abs(z); }",
+        runs: vec![("one", ",0.4", tank), ("two", ",0.6", other)],
+        brought: ",T0",
+        options: "--zoh u --iterations 0",
+    };
+    let ball = There {
+        model: "model ball {
+            state h = 1, v = 0; param g = 9.6 in [5, 15], c = 0.72 in [0.1, 1];
+            der(h) = v; der(v) = -g - 0.1*v;
+            when h < 0 { v = -c*v; }
+            output hm = h, vm = v; }",
+        runs: vec![(
+            "drop",
+            "",
+            recorded("hm,vm", 0.025, &mut |t, noise| {
+                // one bounce at sqrt(2/9.81)
+                let (hit, v) = (0.4515, 4.429);
+                let since = t - hit;
+                let (h, w) = if t < hit {
+                    (1.0 - 4.905 * t * t, -9.81 * t)
+                } else {
+                    (0.75 * v * since - 4.905 * since * since, 0.75 * v - 9.81 * since)
+                };
+                vec![h + 0.02 * noise(), w + 0.1 * noise()]
+            }),
+        )],
+        brought: "",
+        options: "--iterations 0",
+    };
+    let spring = There {
+        model: "model spring {
+            input f; state x = 0, v = 0; param k = 4 in [1, 10], d = 0.5 in [0, 3], m = 1 fixed;
+            der(x) = v; der(v) = (f - k*x - d*v - 0.2*max(v, -5)*x + 0.1*sign(f)*min(x, 1))/m;
+            output xm = x, am = atan(v) + hypot(x, 1); noise xm = 0.02; }",
+        runs: vec![(
+            "push",
+            "",
+            recorded("f,xm,am", 0.1, &mut |t, noise| {
+                let f = 0.1 + (2.0 * t).min(1.0) - (t - 2.0).clamp(0.0, 0.5);
+                vec![f, 0.2 * (1.0 - (-t).exp() * (2.0 * t).cos()) + 0.02 * noise(), 1.1 + 0.1 * noise()]
+            }),
+        )],
+        brought: "",
+        options: "--iterations 0",
+    };
+    let decay = There {
+        model: "model decay {
+            state a = a0, b = 0; param a0 = 2 in [0.1, 10] log, k1 = 0.8 in [0.01, 10] log, k2 = 0.3 in [0.01, 10] log, s = 0.05 in [0.001, 1] log;
+            der(a) = -k1*a; der(b) = k1*a - k2*b;
+            output am = log(a + 0.01), bm = b; noise bm = s*(0.2 + b); }",
+        runs: vec![(
+            "batch",
+            "",
+            recorded("am,bm", 0.15, &mut |t, noise| {
+                let (a, b) = (2.2 * (-0.9 * t).exp(), 2.2 * 0.9 / 0.5 * ((-0.4 * t).exp() - (-0.9 * t).exp()));
+                vec![(a + 0.01).ln() + 0.05 * noise(), b + 0.1 * noise() * (0.2 + b)]
+            }),
+        )],
+        brought: "",
+        options: "--iterations 0",
+    };
+    let fitted = There {
+        model: &decay.model.replace(" noise bm = s*(0.2 + b);", "").replace(", s = 0.05 in [0.001, 1] log", ""),
+        options: "",
+        ..decay.clone()
+    };
+    for (name, there) in
+        [("tanks", tanks), ("ball", ball), ("spring", spring), ("decay", decay), ("fitted decay", fitted)]
+    {
+        let [before, after] = there_and_back(&there);
+        println!("{name}: {before} and {after}");
+        assert!((before - after).abs() < 1e-6, "{name}: {before} {after}");
+    }
+}
+
+#[test]
+fn what_has_no_place_in_a_problem_is_said() {
+    let desk = Desk::with([
+        (
+            "late.fdm",
+            "model late { input u; state x = 0; param tau = 0.1 in [0, 1]; der(x) = delay(u, tau) - x; output xm = x; }",
+        ),
+        ("run.csv", "time,u,xm\n0,0,0\n1,1,0.2\n2,1,0.5\n3,1,0.6\n"),
+    ]);
+    desk.fdm("fit late.fdm --data run.csv --iterations 1 --out late");
+    assert!(desk.refused("export --from-result late --to petab -o q").contains("delays `u`"));
+    assert!(desk.refused("export late.fdm --to petab -o q").contains("--from-result"));
+    assert!(desk.refused("export --from-result late --to petab").contains("-o DIR"));
+    desk.write(
+        "plain.fdm",
+        "model plain { input u; state x = 0; param k = 1; der(x) = u - k*x; output xm = x, ym = 2*x; }",
+    );
+    let both = recorded("u,xm,ym", 0.2, &mut |t, noise| {
+        vec![1.0, 1.0 - (-t).exp() + 0.05 * noise(), 2.0 - 2.0 * (-t).exp() + 0.1 * noise()]
+    });
+    desk.write("both.csv", both);
+    desk.fdm("fit plain.fdm --data both.csv --iterations 1 --noise full --out full");
+    assert!(desk.refused("export --from-result full --to petab -o q").contains("correlated"));
+    desk.fdm("fit plain.fdm --data both.csv --iterations 1 --loss huber --out huber");
+    assert!(desk.refused("export --from-result huber --to petab -o q").contains("--loss"));
+    assert!(!desk.path("q").exists());
 }
 
 /// Version 2: conditions in long form, an experiment whose values change in its middle, placeholders, log-normal noise.

@@ -4,6 +4,7 @@
 
 mod campaigns;
 mod checkpoint;
+mod daveml;
 mod design;
 mod diagnose;
 mod exchange;

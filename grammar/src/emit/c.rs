@@ -6,7 +6,7 @@ use super::identifier::{c_string, distinct, plain};
 use super::notation::{CNotation, Notation, is_exact};
 use super::tables::{described, groups, patterns, places, signals, sizes, title, unit};
 use crate::model::Model;
-use crate::schedule::Schedule;
+use crate::schedule::{Program, Schedule};
 
 /// Behind the model's own lines of the title.
 const USAGE: &str = "\
@@ -45,11 +45,24 @@ const CHECKS: &str = "\
 #include <math.h>
 ";
 
+/// What stands in front of every name of a file.
+struct Prefixed<'a> {
+    prefix: &'a str,
+}
+
 /// A model's prefix, and what is printed.
 struct C<'a> {
     prefix: String,
     model: &'a Model,
     schedule: &'a Schedule,
+}
+
+/// One program as a function of its own file, in front of it what it calls.
+pub(super) fn program(prefix: &str, name: &'static str, program: &Program) -> Result<String, TooLong> {
+    let (entry, written) = (Entry::alone(name, program), Prefixed { prefix });
+    let head = format!("\nvoid {prefix}{name}(");
+    let text = written.entry(&entry)?.replacen(&head, &head.replace("void", "static void"), 1);
+    Ok(format!("{CHECKS}{}{}", written.functions([program]), text.trim_start()))
 }
 
 /// The whole file.
@@ -61,10 +74,10 @@ pub(super) fn file(model: &Model, schedule: &Schedule) -> Result<String, TooLong
     text += &c.declarations();
     text += "\n#ifndef FDM_DECLARATIONS_ONLY\n\n";
     text += CHECKS;
-    text += &c.functions();
+    text += &c.prefixed().functions(entries(schedule).map(|e| e.program));
     text += &c.tables();
     for entry in entries(schedule) {
-        text += &c.entry(&entry)?;
+        text += &c.prefixed().entry(&entry)?;
     }
     text += &c.dense();
     text += "\n#endif\n";
@@ -72,6 +85,10 @@ pub(super) fn file(model: &Model, schedule: &Schedule) -> Result<String, TooLong
 }
 
 impl C<'_> {
+    fn prefixed(&self) -> Prefixed<'_> {
+        Prefixed { prefix: &self.prefix }
+    }
+
     /// Constants, tables and functions as other files see them.
     fn declarations(&self) -> String {
         let p = &self.prefix;
@@ -95,38 +112,13 @@ impl C<'_> {
         text += "\n#ifdef __cplusplus\nextern \"C\" {\n#endif\n\n";
         text += &self.all_tables().iter().map(|t| format!("extern {};\n", t.head)).collect::<String>();
         for entry in entries(self.schedule) {
-            let head = self.head(entry.name, entry.time, entry.reads, entry.writes, "");
+            let head = self.prefixed().head(entry.name, entry.time, entry.reads, entry.writes, "");
             text += &format!("\n/* {} */\n{head};\n", entry.about);
         }
         for (about, head) in self.dense_heads("") {
             text += &format!("\n/* {about} */\n{head};\n");
         }
         text + "\n#ifdef __cplusplus\n}\n#endif\n\n#endif\n"
-    }
-
-    /// What the programs call: elementary functions by default from `<math.h>`, ours written out.
-    fn functions(&self) -> String {
-        let (mut elementary, mut own) = (String::new(), String::from("\n"));
-        for name in functions(self.schedule) {
-            let p = &self.prefix;
-            if !is_exact(name) {
-                elementary += &format!("#ifndef fdm_{name}\n#define fdm_{name} {name}\n#endif\n");
-                continue;
-            }
-            let (arguments, body) = match name {
-                "sign" => ("double x", "x > 0.0 ? 1.0 : x < 0.0 ? -1.0 : x * 0.0"),
-                "min" => ("double a, double b", "a <= b ? a : b < a ? b : a + b"),
-                "max" => ("double a, double b", "a >= b ? a : b > a ? b : a + b"),
-                "less" => ("double a, double b", "(double)(a < b)"),
-                "less_equal" => ("double a, double b", "(double)(a <= b)"),
-                "equal" => ("double a, double b", "(double)(a == b)"),
-                "select" => ("double condition, double a, double b", "condition != 0.0 ? a : b"),
-                // the absolute value is `fabs`
-                _ => continue,
-            };
-            own += &format!("static double {p}{name}({arguments})\n{{\n    return {body};\n}}\n\n");
-        }
-        elementary + &own
     }
 
     fn tables(&self) -> String {
@@ -152,7 +144,7 @@ impl C<'_> {
                 tables.push(table("char *const ", format!("{group}_{what}"), values));
             }
         }
-        let notation = self.notation();
+        let notation = CNotation { own: p };
         let number =
             |of: fn(&crate::model::Param) -> f64| model.params.iter().map(|q| notation.number(of(q))).collect();
         let flag =
@@ -170,66 +162,6 @@ impl C<'_> {
             tables.push(table("int ", format!("{name}_column"), whole(columns)));
         }
         tables
-    }
-
-    fn notation(&self) -> CNotation<'_> {
-        CNotation { own: &self.prefix }
-    }
-
-    fn head(&self, name: &str, time: bool, reads: &[Array], writes: &[Array], restrict: &str) -> String {
-        let time = time.then(|| "double t".to_string());
-        let reads = reads.iter().map(|a| format!("const double *{}", a.name));
-        let writes = writes.iter().map(|a| format!("double *{restrict}{}", a.name));
-        let arguments: Vec<String> = time.into_iter().chain(reads).chain(writes).collect();
-        format!("void {}{name}({})", self.prefix, arguments.join(", "))
-    }
-
-    /// A program as a function, or as several that one calls.
-    fn entry(&self, entry: &Entry<'_>) -> Result<String, TooLong> {
-        let notation = self.notation();
-        let (mut bodies, places) = entry.bodies(&notation)?;
-        let head = self.head(entry.name, entry.time, entry.reads, entry.writes, "restrict ");
-        let mut text = String::new();
-        let lines = if bodies.len() == 1 {
-            bodies.remove(0)
-        } else {
-            let mut lines = Vec::from([format!("double w[{}];", places.max(1))]);
-            for body in &bodies {
-                text += &format!("\nFDM_APART static {}", self.piece(body));
-                lines.push(format!("{}{}({});", self.prefix, body.name, arguments(body)));
-            }
-            let whole = || bodies.iter();
-            Body {
-                name: String::new(),
-                time: whole().any(|b| b.time),
-                reads: whole().flat_map(|b| b.reads.clone()).collect(),
-                writes: whole().flat_map(|b| b.writes.clone()).collect(),
-                waits: whole().any(|b| b.waits),
-                lines,
-            }
-        };
-        text += &format!("\n{head}\n{{\n");
-        text += &lines.lines.iter().map(|l| format!("    {l}\n")).collect::<String>();
-        let mut unused: Vec<&str> = Vec::new();
-        unused.extend((entry.time && !lines.time).then_some("t"));
-        unused.extend(entry.reads.iter().filter(|a| !lines.reads.contains(a)).map(|a| a.name));
-        unused.extend(entry.writes.iter().filter(|a| !lines.writes.contains(a)).map(|a| a.name));
-        unused.extend((lines.name.is_empty() && !lines.waits).then_some("w"));
-        text += &unused.iter().map(|name| format!("    (void){name};\n")).collect::<String>();
-        Ok(text + "}\n")
-    }
-
-    fn piece(&self, body: &Body) -> String {
-        let (reads, writes): (Vec<Array>, Vec<Array>) =
-            (body.reads.iter().copied().collect(), body.writes.iter().copied().collect());
-        let mut head = self.head(&body.name, body.time, &reads, &writes, "restrict ");
-        if body.waits {
-            head.pop();
-            let comma = if head.ends_with('(') { "" } else { ", " };
-            head += &format!("{comma}double *restrict w)");
-        }
-        let lines: String = body.lines.iter().map(|l| format!("    {l}\n")).collect();
-        format!("{}\n{{\n{lines}}}\n", head.replace("()", "(void)"))
     }
 
     /// What is said and how it is called: initial values and sensitivities as full matrices.
@@ -314,6 +246,93 @@ static void {p}chain(int count, const int *row, const int *column, const double 
         let rates_body = whole("f", "rates_and_partials", "STATES", "S_rate");
         let outputs_body = whole("y", "outputs_and_partials", "OUTPUTS", "Y");
         format!("{chain}\n{initial}\n{{\n{start}}}\n\n{rates}\n{{\n{rates_body}}}\n\n{outputs}\n{{\n{outputs_body}}}\n")
+    }
+}
+
+impl Prefixed<'_> {
+    /// What the programs call: elementary functions by default from `<math.h>`, ours written out.
+    fn functions<'p>(&self, programs: impl IntoIterator<Item = &'p Program>) -> String {
+        let (mut elementary, mut own) = (String::new(), String::from("\n"));
+        for name in functions(programs) {
+            let p = &self.prefix;
+            if !is_exact(name) {
+                elementary += &format!("#ifndef fdm_{name}\n#define fdm_{name} {name}\n#endif\n");
+                continue;
+            }
+            let (arguments, body) = match name {
+                "sign" => ("double x", "x > 0.0 ? 1.0 : x < 0.0 ? -1.0 : x * 0.0"),
+                "min" => ("double a, double b", "a <= b ? a : b < a ? b : a + b"),
+                "max" => ("double a, double b", "a >= b ? a : b > a ? b : a + b"),
+                "less" => ("double a, double b", "(double)(a < b)"),
+                "less_equal" => ("double a, double b", "(double)(a <= b)"),
+                "equal" => ("double a, double b", "(double)(a == b)"),
+                "select" => ("double condition, double a, double b", "condition != 0.0 ? a : b"),
+                // the absolute value is `fabs`
+                _ => continue,
+            };
+            own += &format!("static double {p}{name}({arguments})\n{{\n    return {body};\n}}\n\n");
+        }
+        elementary + &own
+    }
+
+    fn notation(&self) -> CNotation<'_> {
+        CNotation { own: self.prefix }
+    }
+
+    fn head(&self, name: &str, time: bool, reads: &[Array], writes: &[Array], restrict: &str) -> String {
+        let time = time.then(|| "double t".to_string());
+        let reads = reads.iter().map(|a| format!("const double *{}", a.name));
+        let writes = writes.iter().map(|a| format!("double *{restrict}{}", a.name));
+        let arguments: Vec<String> = time.into_iter().chain(reads).chain(writes).collect();
+        format!("void {}{name}({})", self.prefix, arguments.join(", "))
+    }
+
+    /// A program as a function, or as several that one calls.
+    fn entry(&self, entry: &Entry<'_>) -> Result<String, TooLong> {
+        let notation = self.notation();
+        let (mut bodies, places) = entry.bodies(&notation)?;
+        let head = self.head(entry.name, entry.time, entry.reads, entry.writes, "restrict ");
+        let mut text = String::new();
+        let lines = if bodies.len() == 1 {
+            bodies.remove(0)
+        } else {
+            let mut lines = Vec::from([format!("double w[{}];", places.max(1))]);
+            for body in &bodies {
+                text += &format!("\nFDM_APART static {}", self.piece(body));
+                lines.push(format!("{}{}({});", self.prefix, body.name, arguments(body)));
+            }
+            let whole = || bodies.iter();
+            Body {
+                name: String::new(),
+                time: whole().any(|b| b.time),
+                reads: whole().flat_map(|b| b.reads.clone()).collect(),
+                writes: whole().flat_map(|b| b.writes.clone()).collect(),
+                waits: whole().any(|b| b.waits),
+                lines,
+            }
+        };
+        text += &format!("\n{head}\n{{\n");
+        text += &lines.lines.iter().map(|l| format!("    {l}\n")).collect::<String>();
+        let mut unused: Vec<&str> = Vec::new();
+        unused.extend((entry.time && !lines.time).then_some("t"));
+        unused.extend(entry.reads.iter().filter(|a| !lines.reads.contains(a)).map(|a| a.name));
+        unused.extend(entry.writes.iter().filter(|a| !lines.writes.contains(a)).map(|a| a.name));
+        unused.extend((lines.name.is_empty() && !lines.waits).then_some("w"));
+        text += &unused.iter().map(|name| format!("    (void){name};\n")).collect::<String>();
+        Ok(text + "}\n")
+    }
+
+    fn piece(&self, body: &Body) -> String {
+        let (reads, writes): (Vec<Array>, Vec<Array>) =
+            (body.reads.iter().copied().collect(), body.writes.iter().copied().collect());
+        let mut head = self.head(&body.name, body.time, &reads, &writes, "restrict ");
+        if body.waits {
+            head.pop();
+            let comma = if head.ends_with('(') { "" } else { ", " };
+            head += &format!("{comma}double *restrict w)");
+        }
+        let lines: String = body.lines.iter().map(|l| format!("    {l}\n")).collect();
+        format!("{}\n{{\n{lines}}}\n", head.replace("()", "(void)"))
     }
 }
 

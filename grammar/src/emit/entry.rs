@@ -34,6 +34,9 @@ pub(super) const Y_DELAYED: Array = array("y_delayed", "Y_DELAYED_ENTRIES");
 pub(super) const Y_THETA: Array = array("y_theta", "Y_THETA_ENTRIES");
 pub(super) const Y_U: Array = array("y_u", "Y_U_ENTRIES");
 
+/// The results of a program that is none of the six.
+const COLUMNS: Array = array("column", "COLUMNS");
+
 /// A function of the file that runs a program.
 pub(super) struct Entry<'a> {
     pub(super) name: &'static str,
@@ -135,7 +138,12 @@ fn stage_slots(layout: &Layout) -> Vec<(usize, u32)> {
     slots
 }
 
-impl Entry<'_> {
+impl<'a> Entry<'a> {
+    /// A program that is none of the six: the array `known` holds the parameters themselves.
+    pub(super) fn alone(name: &'static str, program: &'a Program) -> Self {
+        let slots = (0..program.width as u32).map(|k| (0, k)).collect();
+        Self { name, about: "", program, time: true, reads: POINT, writes: &[COLUMNS], slots }
+    }
     /// The pieces of the program and the number of places in which values wait between them; one piece waits for nothing.
     pub(super) fn bodies(&self, notation: &dyn Notation) -> Result<(Vec<Body>, u32), TooLong> {
         let pieces = Pieces::new(self.program)?;
@@ -197,9 +205,8 @@ fn read(instruction: &Instruction) -> impl Iterator<Item = Operand> + '_ {
     instruction.args[..instruction.op.row().arity].iter().copied()
 }
 
-/// The functions of [`crate::math`] that the programs call, each once.
-pub(super) fn functions(schedule: &Schedule) -> BTreeSet<&'static str> {
-    let entries = entries(schedule);
-    let instructions = entries.iter().flat_map(|e| &e.program.instructions);
+/// The functions of [`crate::math`] that programs call, each once.
+pub(super) fn functions<'p>(programs: impl IntoIterator<Item = &'p Program>) -> BTreeSet<&'static str> {
+    let instructions = programs.into_iter().flat_map(|p| &p.instructions);
     instructions.map(|i| function(i.op)).filter(|name| !name.is_empty()).collect()
 }

@@ -21,7 +21,7 @@ mod tests;
 pub use notation::{Notation, RustNotation, statements};
 
 use crate::model::Model;
-use crate::schedule::Schedule;
+use crate::schedule::{Program, Schedule};
 
 /// What is printed.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -102,4 +102,28 @@ pub fn stand_alone(model: &Model, schedule: &Schedule, language: &Language) -> R
         Language::C => c::file(model, schedule)?,
         Language::Rust(elementary) => rust::file(model, schedule, elementary)?,
     })
+}
+
+/// A name as generated C has it: ASCII letters, digits and `_`, beginning with a letter.
+pub fn c_name(name: &str) -> String {
+    identifier::plain(name)
+}
+
+/// A number as C: the same bits come back.
+pub fn c_number(value: f64) -> String {
+    notation::CNotation { own: "" }.number(value)
+}
+
+/// Text as it may stand inside a comment of C.
+pub fn c_comment(text: &str) -> String {
+    identifier::comment(text)
+}
+
+/// One program of [`crate::schedule::program`] as a static function of C99, `void PREFIXname(double t, const double *x, const double *drive,
+/// const double *known, double *column)`, in front of it the checks of the compiler and all that it calls.
+///
+/// # Errors
+/// [`TooLong`] when it would need more than half a mebibyte of stack.
+pub fn c_function(prefix: &str, name: &'static str, program: &Program) -> Result<String, TooLong> {
+    c::program(prefix, name, program)
 }

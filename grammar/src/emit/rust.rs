@@ -37,7 +37,7 @@ pub(super) fn file(model: &Model, schedule: &Schedule, elementary: &Elementary) 
 
 /// The elementary functions, and ours written out.
 fn called(schedule: &Schedule, elementary: &Elementary) -> String {
-    let names = functions(schedule);
+    let names = functions(entries(schedule).map(|e| e.program));
     let transcendental: Vec<&str> = names.iter().copied().filter(|n| !is_exact(n)).collect();
     let mut text = match elementary {
         _ if transcendental.is_empty() => String::new(),

@@ -2,12 +2,13 @@
 //!
 //! **In** a [`Model`](fdm_system::Model) and its runs. **Out** [`Regression`]: for every group of equations that share parameters an
 //! [`EquationErrorFit`] with principal-component solutions; refusals with their reasons; [`structure()`] searches for a structure, [`recursive()`] follows the
-//! parameters along the record, with forgetting. Nothing is simulated, and what is not linear in its parameters is refused. **Start** at [`regress`]:
+//! parameters along the record, with forgetting, and a [`RecursiveEstimator`] is what a vehicle needs to do that in flight. Nothing is simulated, and what is not linear in its parameters is refused. **Start** at [`regress`]:
 //! `equations` (from the text) -> `regressors` (rates and columns in time or frequency) -> `regression` -> `principal_components`.
 
 mod differentiation;
 mod equations;
 mod error;
+mod estimator;
 mod fit;
 mod options;
 mod preprocessing;
@@ -20,6 +21,7 @@ mod structure;
 mod tests;
 
 pub use error::{Refusal, RegressionError};
+pub use estimator::{EstimatorEquation, ParameterGroup, RecursiveConstants, RecursiveEstimator};
 pub use fit::{
     ChannelNoise, Dependence, EquationErrorFit, EquationQuality, Regressed, Regression, by_cutoff, by_length, regress,
 };

@@ -31,6 +31,17 @@ impl Default for RecursiveOptions {
     }
 }
 
+impl RecursiveOptions {
+    /// Whether there can be a recursion of this model.
+    pub(super) fn check(&self, model: &Model) -> Result<(), RegressionError> {
+        if model.definition().has_events() {
+            return Err(RegressionError::Events);
+        }
+        let allowed = self.forgetting > 0.0 && self.forgetting <= 1.0;
+        if allowed { Ok(()) } else { Err(RegressionError::Forgetting(self.forgetting)) }
+    }
+}
+
 /// A parameter of a recursion.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize, Serialize)]
 pub struct RecursiveParameter {
@@ -85,14 +96,9 @@ const OPEN: f64 = 1e3;
 /// # Errors
 /// [`RegressionError`]: no equation is a regression, or the records do not serve.
 pub fn recursive(model: &Model, runs: &[Run], options: &RecursiveOptions) -> Result<Recursion, RegressionError> {
-    if model.definition().has_events() {
-        return Err(RegressionError::Events);
-    }
+    options.check(model)?;
     if runs.is_empty() {
         return Err(RegressionError::NoRuns);
-    }
-    if !(options.forgetting > 0.0 && options.forgetting <= 1.0) {
-        return Err(RegressionError::Forgetting(options.forgetting));
     }
     let definition = model.definition();
     let mut equations = Equations::new(definition);
@@ -101,15 +107,7 @@ pub fn recursive(model: &Model, runs: &[Run], options: &RecursiveOptions) -> Res
     }
     let runs: Result<Vec<Run>, _> = runs.iter().map(|run| options.preprocessing.of(run)).collect();
     let runs = completed(definition, &runs?)?;
-    let mut stretches = Vec::new();
-    for (k, run) in runs.iter().enumerate() {
-        stretches.extend(steps_of(definition, &equations, run, k)?);
-    }
-    let mut filters = Vec::new();
-    for members in super::fit::groups(&equations) {
-        let own: Vec<&Stretch> = stretches.iter().filter(|s| members.contains(&s.block.equation)).collect();
-        filters.extend(Filter::new(definition, &equations, &own, &runs)?);
-    }
+    let (stretches, mut filters) = sized(definition, &equations, &runs)?;
     let parameters: Vec<Unknown> = filters.iter().flat_map(|f| f.unknowns.iter().copied()).collect();
     let given = |k: usize| parameters.iter().any(|u| u.param as usize == k);
     let free = definition.params.iter().enumerate().filter(|(k, p)| !p.fixed && !given(*k));
@@ -132,8 +130,26 @@ pub fn recursive(model: &Model, runs: &[Run], options: &RecursiveOptions) -> Res
     })
 }
 
+/// The steps of completed runs, and a recursion for each group of equations, weighed and scaled by these steps.
+pub(super) fn sized(
+    definition: &fdm_grammar::Model,
+    equations: &Equations,
+    runs: &[Run],
+) -> Result<(Vec<Stretch>, Vec<Filter>), RegressionError> {
+    let mut stretches = Vec::new();
+    for (k, run) in runs.iter().enumerate() {
+        stretches.extend(steps_of(definition, equations, run, k)?);
+    }
+    let mut filters = Vec::new();
+    for members in super::fit::groups(equations) {
+        let own: Vec<&Stretch> = stretches.iter().filter(|s| members.contains(&s.block.equation)).collect();
+        filters.extend(Filter::new(definition, equations, &own, runs)?);
+    }
+    Ok((stretches, filters))
+}
+
 /// One equation over the steps of a run.
-struct Stretch {
+pub(super) struct Stretch {
     run: usize,
     block: Block,
     /// The sample at the end of each row's step.
@@ -141,7 +157,7 @@ struct Stretch {
 }
 
 /// The steps of a run as rows of all equations.
-fn steps_of(
+pub(super) fn steps_of(
     definition: &fdm_grammar::Model,
     equations: &Equations,
     run: &Run,
@@ -182,18 +198,18 @@ fn at_frequencies() -> RegressionOptions {
 }
 
 /// The recursion of equations that share parameters.
-struct Filter {
-    unknowns: Vec<Unknown>,
+pub(super) struct Filter {
+    pub(super) unknowns: Vec<Unknown>,
     /// One over the residual of each equation, by its number.
-    weights: Vec<(usize, f64)>,
+    pub(super) weights: Vec<(usize, f64)>,
     /// Root mean square of each weighted column: values are multiplied by it.
-    scale: Vec<f64>,
+    pub(super) scale: Vec<f64>,
     /// Scaled values.
     values: Vec<f64>,
     /// A square root L of their covariance L L' where residuals are 1: start and end of it are far apart (Potter 1963).
     root: Vec<f64>,
-    /// Variance of scaled values at the beginning.
-    open: f64,
+    /// Standard deviation of scaled values at the beginning.
+    pub(super) open: f64,
     along: Vec<f64>,
     gain: Vec<f64>,
     row: Vec<f64>,
@@ -246,8 +262,16 @@ impl Filter {
             (residual.0, 1.0 / residual.1.max(1e-9 * rate.1).max(f64::MIN_POSITIVE))
         };
         let weights: Vec<(usize, f64)> = left.iter().zip(&rates).map(over).collect();
-        let mut filter = Self {
-            scale: vec![0.0; p],
+        let batch = solved.components[solved.chosen - 1].values.clone();
+        let mut filter = Self { batch, ..Self::of(group.unknowns.clone(), weights, vec![0.0; p]) };
+        filter.prepare(definition, &group, &rates);
+        Ok(Some(filter))
+    }
+
+    /// Nothing known yet.
+    pub(super) fn of(unknowns: Vec<Unknown>, weights: Vec<(usize, f64)>, scale: Vec<f64>) -> Self {
+        let p = unknowns.len();
+        Self {
             values: vec![0.0; p],
             root: vec![0.0; p * p],
             open: 0.0,
@@ -256,14 +280,23 @@ impl Filter {
             row: vec![0.0; p],
             squares: 0.0,
             count: 0.0,
-            batch: solved.components[solved.chosen - 1].values.clone(),
+            batch: Vec::new(),
             moments: (0.0, vec![0.0; p], vec![0.0; p * p]),
             rows: 0.0,
+            scale,
             weights,
-            unknowns: group.unknowns.clone(),
-        };
-        filter.prepare(definition, &group, &rates);
-        Ok(Some(filter))
+            unknowns,
+        }
+    }
+
+    /// At the model's values, each known as little as this standard deviation says.
+    pub(super) fn begin(&mut self, definition: &fdm_grammar::Model, open: f64) {
+        let p = self.unknowns.len();
+        self.open = open;
+        for (j, unknown) in self.unknowns.iter().enumerate() {
+            self.values[j] = definition.params[unknown.param as usize].value * self.scale[j];
+            self.root[j * p + j] = open;
+        }
     }
 
     fn weight(&self, equation: usize) -> f64 {
@@ -288,11 +321,7 @@ impl Filter {
         // a rate in units of its residual
         let size = |b: &&Block| rates.iter().find(|(e, _)| *e == b.equation).map_or(0.0, |r| r.1 * self.weight(r.0));
         let size = group.blocks.iter().map(size).fold(1.0, f64::max);
-        self.open = (OPEN * size).powi(2);
-        for (j, unknown) in self.unknowns.iter().enumerate() {
-            self.values[j] = definition.params[unknown.param as usize].value * self.scale[j];
-            self.root[j * p + j] = OPEN * size;
-        }
+        self.begin(definition, OPEN * size);
         for block in &group.blocks {
             let rate = rates.iter().find(|(e, _)| *e == block.equation).map_or(1.0, |r| r.1);
             let relative = 1.0 / rate.max(f64::MIN_POSITIVE);
@@ -329,7 +358,7 @@ impl Filter {
     /// Forgets a part of what was known, but never more than was unknown at the beginning.
     fn forget(&mut self, factor: f64) {
         (self.squares, self.count) = (factor * self.squares, factor * self.count);
-        if (0..self.values.len()).all(|j| self.variance(j) < self.open) {
+        if (0..self.values.len()).all(|j| self.variance(j) < self.open.powi(2)) {
             let wider = factor.sqrt().recip();
             self.root.iter_mut().for_each(|v| *v *= wider);
         }
@@ -367,7 +396,7 @@ impl Filter {
 }
 
 /// All steps of all runs, one after the other.
-fn followed(filters: &mut [Filter], stretches: &[Stretch], runs: &[Run], forgetting: f64) -> Vec<Iterate> {
+pub(super) fn followed(filters: &mut [Filter], stretches: &[Stretch], runs: &[Run], forgetting: f64) -> Vec<Iterate> {
     let mut next = vec![0usize; stretches.len()];
     let rows: f64 = filters.iter().map(|f| f.rows).sum();
     let mut iterates = Vec::new();

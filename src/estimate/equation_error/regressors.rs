@@ -7,6 +7,7 @@ use super::preprocessing::detrend;
 use fdm_grammar::Model;
 use fdm_grammar::graph::{Graph, Leaf, Signal};
 use fdm_grammar::model::reading::Reading;
+use fdm_grammar::model::{Origin, Param};
 use fdm_grammar::op::ExprId;
 use fdm_system::code::Expressions;
 use fdm_system::dynamics::Point;
@@ -25,6 +26,8 @@ pub(super) struct Signals<'a> {
     pub(super) rates: Vec<Option<Vec<f64>>>,
     /// What the smoothing found about each state.
     pub(super) smoothed: Vec<Option<(f64, f64)>>,
+    /// Values of all parameters: those of the model, and what the run brings (`known T0 per run`, `initial(u)`).
+    theta: Vec<f64>,
 }
 
 impl<'a> Signals<'a> {
@@ -37,9 +40,14 @@ impl<'a> Signals<'a> {
         options: &RegressionOptions,
     ) -> Result<Self, RegressionError> {
         let q = model.outputs.len();
+        let brought = |p: &Param| match p.origin {
+            Origin::FirstSample(input) => run.inputs.get(input as usize).copied().unwrap_or(f64::NAN),
+            _ => p.value,
+        };
+        let theta: Vec<f64> = model.params.iter().map(brought).collect();
         let value = |e: ExprId| {
             graph.evaluate(e, |leaf| match leaf {
-                Leaf::Param(k) => model.params[k as usize].value,
+                Leaf::Param(k) => theta[k as usize],
                 _ => f64::NAN,
             })
         };
@@ -49,7 +57,7 @@ impl<'a> Signals<'a> {
         };
         let states: Vec<Option<Vec<f64>>> = readings.iter().map(|r| r.as_ref().map(read)).collect();
         let none = vec![None; states.len()];
-        let mut signals = Self { run, rates: none, smoothed: vec![None; states.len()], states };
+        let mut signals = Self { run, rates: none, smoothed: vec![None; states.len()], states, theta };
         if options.domain == Domain::Time {
             signals.differentiate(model, options.smoothing)?;
         }
@@ -105,7 +113,7 @@ impl<'a> Signals<'a> {
     /// The same; `ending` at the end of the interval before each sample, where inputs that are held have the values of the sample before.
     pub(super) fn evaluate_at(&self, model: &Model, graph: &Graph, roots: &[ExprId], ending: bool) -> Vec<Vec<f64>> {
         let (n, m) = (self.states.len(), self.run.held.len());
-        let theta = model.start();
+        let theta = &self.theta;
         let tau = |e: ExprId| graph.evaluate(e, |l| if let Leaf::Param(k) = l { theta[k as usize] } else { f64::NAN });
         let delayed: Vec<(Signal, f64)> = graph.delayed().iter().map(|d| (d.signal, tau(d.tau))).collect();
         let past: Vec<Option<Vec<f64>>> = match delayed.iter().any(|(s, _)| matches!(s, Signal::State(_))) {
@@ -133,7 +141,7 @@ impl<'a> Signals<'a> {
                     Signal::State(k) => past[*k as usize].as_ref().map_or(f64::NAN, |s| between(s, at)),
                 };
             }
-            code.evaluate(Point { t: *t, x: &x, drive: &drive, known: &theta }, &mut row);
+            code.evaluate(Point { t: *t, x: &x, drive: &drive, known: theta }, &mut row);
             series.iter_mut().zip(&row).for_each(|(series, v)| series.push(*v));
         }
         series

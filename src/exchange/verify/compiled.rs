@@ -5,6 +5,7 @@
 use super::error::VerifyError;
 use super::site::{Numbers, Site};
 use crate::fmu::Files;
+use fdm_grammar::emit::c_name;
 use fdm_system::Model;
 use libloading::Library;
 use std::path::Path;
@@ -22,10 +23,7 @@ const WRITES: [usize; 6] = [1, 1, 4, 1, 4, 2];
 
 /// The source, and a function that calls its functions.
 pub(super) fn c_files(model: &Model, text: &str) -> Files {
-    let plain: String = model.name().chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
-    // the prefix that the file itself uses
-    let marked = text.lines().find_map(|l| l.trim().strip_prefix("#define ")?.strip_suffix("_DECLARED"));
-    let p = marked.map_or(plain, str::to_string);
+    let p = prefix_of(model, text, "_DECLARED");
     let calls = format!(
         "#include \"model.c\"
 void {CALL}(int which, double t, const double *const *in, double *const *out);
@@ -43,6 +41,12 @@ void {CALL}(int which, double t, const double *const *in, double *const *out)
 "
     );
     vec![("model.c".into(), text.as_bytes().to_vec()), ("calls.c".into(), calls.into_bytes())]
+}
+
+/// The prefix that a file itself uses, in front of the name that guards its declarations.
+pub(super) fn prefix_of(model: &Model, text: &str, guard: &str) -> String {
+    let marked = text.lines().find_map(|l| l.trim().strip_prefix("#define ")?.strip_suffix(guard));
+    marked.map_or_else(|| c_name(model.name()), str::to_string)
 }
 
 /// The elementary functions by the methods of `f64`, where the file asks for a module.

@@ -39,6 +39,9 @@ pub enum VerifyError {
         /// Its first words.
         said: String,
     },
+    /// An estimator that is none of this model.
+    #[error("an estimator whose recursion cannot be repeated: {0}")]
+    Estimator(String),
     /// The library cannot be loaded.
     #[error("its library cannot be loaded: {0}")]
     Unloadable(#[from] libloading::Error),

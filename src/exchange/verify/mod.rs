@@ -2,16 +2,19 @@
 //!
 //! A unit is loaded as a simulator would; source is compiled by the system's compiler. Values and derivatives are compared with those of
 //! the tape at points that nobody chose: around the initial values, inputs and parameters moved at random, always the same ones.
+//! An estimator follows a record of random numbers beside the recursion of `fdm`, and both are compared at every sample.
 //! **Start** at [`Artefact::read`]; whoever calls writes its [`files`](Artefact::files) to a folder, and then asks
 //! for [`Artefact::compare`] there.
 
 mod compiled;
 mod error;
+mod recursion;
 mod site;
 mod unit;
 
 use crate::Stamp;
 use crate::fmu::{DESCRIPTION, Files, Version, unpacked};
+use crate::recursive::MARK;
 use fdm_system::Model;
 use site::{Numbers, Site};
 use std::path::Path;
@@ -23,6 +26,8 @@ pub use error::VerifyError;
 pub enum Artefact {
     /// C99.
     C(String),
+    /// An estimator in C99.
+    Estimator(String),
     /// Rust.
     Rust(String),
     /// A functional mock-up unit: its files.
@@ -100,7 +105,10 @@ impl Artefact {
     pub fn read(name: &str, bytes: &[u8]) -> Result<Self, VerifyError> {
         let text = || String::from_utf8(bytes.to_vec()).map_err(|_| VerifyError::Text);
         match Path::new(name).extension().and_then(|e| e.to_str()) {
-            Some("c" | "h") => Ok(Self::C(text()?)),
+            Some("c" | "h") => {
+                let text = text()?;
+                Ok(if text.contains(MARK) { Self::Estimator(text) } else { Self::C(text) })
+            }
             Some("rs") => Ok(Self::Rust(text()?)),
             Some("fmu") => {
                 let files = unpacked(bytes)?;
@@ -117,7 +125,7 @@ impl Artefact {
     /// [`VerifyError::Unstamped`], [`VerifyError::Other`].
     pub fn belongs_to(&self, model: &Model) -> Result<(), VerifyError> {
         let found = match self {
-            Self::C(text) | Self::Rust(text) => Stamp::find(text),
+            Self::C(text) | Self::Rust(text) | Self::Estimator(text) => Stamp::find(text),
             Self::Unit(_, files) => Stamp::find(&description(files)),
         };
         let (found, expected) = (found.ok_or(VerifyError::Unstamped)?, Stamp::of(model));
@@ -129,6 +137,7 @@ impl Artefact {
         match self {
             Self::C(text) => compiled::c_files(model, text),
             Self::Rust(text) => compiled::rust_files(text),
+            Self::Estimator(text) => recursion::files(model, text),
             Self::Unit(_, files) => files.clone(),
         }
     }
@@ -150,6 +159,11 @@ impl Artefact {
                     let expected = site.expected(model);
                     found.add(&expected, &compiled::numbers(&library, &site, &expected)?);
                 }
+            }
+            Self::Estimator(_) => {
+                let samples = recursion::numbers(model, folder)?;
+                found.points = samples.len();
+                samples.iter().for_each(|(expected, told)| found.add(expected, told));
             }
             Self::Unit(version, _) => {
                 let mut unit = unit::Unit::load(*version, model, folder)?;

@@ -1,0 +1,98 @@
+//! `fdm export --to petab`: a result and the records that it was made from, as a problem of PEtab.
+
+use crate::failure::{Ending, Failure};
+#[cfg(feature = "petab")]
+use crate::failure::{OrFailure, Unwritten, at, ended};
+use crate::load::ModelOrResult;
+#[cfg(feature = "petab")]
+use crate::simulate::fitted_runs;
+#[cfg(feature = "petab")]
+use fdm_estimate::Noise;
+#[cfg(feature = "petab")]
+use fdm_petab::{Deviation, Record, Unsuited, problem};
+#[cfg(feature = "petab")]
+use fdm_results::documents::FitDocument;
+#[cfg(feature = "petab")]
+use fdm_results::store::{make_folder, write_new_file};
+#[cfg(feature = "petab")]
+use fdm_system::Model;
+#[cfg(feature = "petab")]
+use fdm_system::record::Run;
+use std::path::Path;
+
+#[cfg(not(feature = "petab"))]
+pub(crate) fn run(_: &ModelOrResult, folder: &Path) -> Ending {
+    let what = "this build of fdm writes no problems of PEtab: build it with `--features petab`";
+    Err(Failure::input([format!("{}: {what}", folder.display())]))
+}
+
+#[cfg(feature = "petab")]
+pub(crate) fn run(subject: &ModelOrResult, folder: &Path) -> Ending {
+    if folder.symlink_metadata().is_ok() {
+        return Err(Failure::input([format!("{}: exists already, and is not overwritten", folder.display())]));
+    }
+    let (model, result) = subject.load()?;
+    let Some(result) = result else { return Err(Failure::input([Unsuited::NoRuns])) };
+    if !subject.set.is_empty() {
+        return Err(Failure::input(["--set: a problem holds the values of its result, at which its noise was found"]));
+    }
+    let Some(fit) = result.result().fit() else { return Err(Failure::input([Unsuited::NoRuns])) };
+    let deviations = deviations(&model, fit, &result.manifest().noise)?;
+    let runs = fitted_runs(&result, None, &model)?;
+    let runs: Vec<Run> =
+        runs.iter().map(|r| r.with_measured(model.definition())).collect::<Result<_, _>>().or_failure()?;
+    let thetas: Vec<Vec<f64>> =
+        runs.iter().map(|r| result.theta(&model, &r.name, None)).collect::<Result<_, _>>().or_failure()?;
+    let records: Vec<Record<'_>> = runs
+        .iter()
+        .zip(&thetas)
+        .map(|(run, theta)| Record {
+            name: &run.name,
+            time: &run.time,
+            inputs: &run.inputs,
+            held: &run.held,
+            measured: &run.measured,
+            theta,
+        })
+        .collect();
+    let files = problem(model.definition(), &records, &deviations).or_failure()?;
+    make_folder(folder).map_err(|e| Unwritten(at(folder, &e)))?;
+    for file in &files {
+        let path = folder.join(&file.path);
+        write_new_file(&path, file.text.as_bytes()).map_err(|e| Unwritten(at(&path, &e)))?;
+    }
+    ended(true)
+}
+
+/// The noise of every output, by which the result was judged. One that was estimated is the root mean square of the residuals, at which the
+/// likelihood is greatest; the covariance of a result is larger, since it allows for the parameters that were fitted.
+#[cfg(feature = "petab")]
+fn deviations(model: &Model, fit: &FitDocument, noise: &Noise) -> Result<Vec<Deviation>, Failure> {
+    let refused = |what: &str| Err(Failure::input([what]));
+    if fit.loss.is_some() {
+        return refused(
+            "the residuals were not judged by their squares (--loss), and a problem of normal noise judges them so",
+        );
+    }
+    let outputs = &model.definition().outputs[..];
+    let given = match noise.clone().or_declared(outputs) {
+        Noise::Full => {
+            return refused("the noise of the outputs is correlated (--noise full), which PEtab has no place for");
+        }
+        Noise::Given(given) => given,
+        Noise::Diagonal => Vec::new(),
+    };
+    let one = |(o, output): (usize, &fdm_grammar::model::Output)| {
+        if output.noise_model.is_some() {
+            return Deviation::Stated;
+        }
+        if let Some(deviation) = given.get(o).copied().flatten() {
+            return Deviation::Known(deviation);
+        }
+        let own = || fit.outputs.iter().filter(|own| own.name == output.quantity.name);
+        let squares: f64 = own().filter_map(|own| Some(own.rms?.powi(2) * own.compared as f64)).sum();
+        let count: usize = own().map(|own| own.compared).sum();
+        Deviation::Open((squares / count.max(1) as f64).sqrt())
+    };
+    Ok(outputs.iter().enumerate().map(one).collect())
+}
