@@ -2,7 +2,7 @@
 gives them, made without any code of fdm (quaternion, DOP853), models for `fdm fit`, and the figures of both.
 
     python3 studies/six_dof/aircraft.py make target/six_dof
-    python3 studies/six_dof/aircraft.py fit target/six_dof --fdm target/release/fdm --from states|positions --model nominal|true [options of `fdm fit`]
+    python3 studies/six_dof/aircraft.py fit target/six_dof --fdm target/release/fdm --from states|positions --model nominal|tables|true [options of `fdm fit`]
 """
 
 import argparse
@@ -33,6 +33,7 @@ DEVIATIONS = dict(
     V=0.1, alpha=0.006, beta=0.006, p=0.01, q=0.01, r=0.01,
 )
 RATE, LENGTH = 50.0, 8.0
+KINDS = ["nominal", "tables", "true"]
 
 
 def matrix(q):
@@ -182,6 +183,29 @@ STALL = """
   let drag = CD0 + K*lift^2 + CDX*(1 - held) [1];
   let pitch = Cm0 + Cma*alpha + Cmq*qh + eff*Cmde*de + CmX*(1 - held) [1];
 """
+# the nominal model with what bends over the angle of attack as smooth tables, and a lag in the surfaces: no equation of the stall
+TABLES = """
+  param CLq = 0, CLde = 0.3, K = 0.05 in [0, 1];
+  param Cmq = -8, Cmde = -0.7, Te = 0.1 in [0.01, 1] [s];
+  table CL(alpha [rad]) [1] = cubic {
+    alpha: [-0.15, -0.05, 0.05, 0.15, 0.25, 0.35, 0.5, 0.7], CL: free [-0.5, 0, 0.5, 1, 1.3, 1.4, 1.5, 1.6]
+  };
+  table CDp(alpha [rad]) [1] = cubic { alpha: [-0.15, 0.05, 0.2, 0.35, 0.5, 0.7], CDp: free 0.04 };
+  table Cm(alpha [rad]) [1] = cubic {
+    alpha: [-0.15, -0.05, 0.05, 0.15, 0.25, 0.35, 0.5, 0.7], Cm: free [0.1, 0.03, -0.03, -0.1, -0.15, -0.2, -0.3, -0.4]
+  };
+  table control(alpha [rad]) [1] = cubic { alpha: [0, 0.1, 0.2, 0.3, 0.45, 0.7], control: [1, 1, 1, e4, e5, e6] };
+  param e4 = 0.9 in [0, 1.5] [1], e5 = 0.8 in [0, 1.5] [1], e6 = 0.7 in [0, 1.5] [1];
+  smooth CL by order 2; smooth CDp by order 2; smooth Cm by order 2;
+  state de = initial(elevator) [rad], da = initial(aileron) [rad], dr = initial(rudder) [rad];
+  der(de) = (elevator - de)/Te;
+  der(da) = (aileron - da)/Te;
+  der(dr) = (rudder - dr)/Te;
+  let eff = control(alpha) [1];
+  let lift = CL(alpha) + CLq*qh + CLde*de [1];
+  let drag = CDp(alpha) + K*lift^2 [1];
+  let pitch = Cm(alpha) + Cmq*qh + eff*Cmde*de [1];
+"""
 LATERAL = """
   param CYb = -0.3, CYdr = 0.1, Clb = -0.03, Clp = -0.3, Clr = 0.05, Clda = 0.1, Cldr = 0;
   param Cnb = 0.04, Cnp = 0, Cnr = -0.05, Cnda = 0, Cndr = -0.04;
@@ -189,7 +213,7 @@ LATERAL = """
 
 
 def model(kind, measured):
-    own = NOMINAL if kind == "nominal" else STALL
+    own = {"nominal": NOMINAL, "tables": TABLES, "true": STALL}[kind]
     outputs = STATES if measured == "states" else ""
     return f"model aircraft {{\n  input elevator [rad], aileron [rad], rudder [rad];\n{own}{LATERAL}{BODY}{outputs}}}\n"
 
@@ -206,7 +230,7 @@ def make(folder):
             np.savetxt(folder / f"{name}{seed}.csv", table, delimiter=",", header=",".join(titles), comments="", fmt="%.10g")
         alpha = np.degrees(exact[:, 7])
         print(f"run{seed}: speed {exact[:, 6].min():.1f} to {exact[:, 6].max():.1f} m/s, alpha {alpha.min():.1f} to {alpha.max():.1f} deg")
-    for kind in ("nominal", "true"):
+    for kind in KINDS:
         for measured in ("states", "positions"):
             (folder / f"{kind}_{measured}.fdm").write_text(model(kind, measured))
 
@@ -259,7 +283,7 @@ if __name__ == "__main__":
     parser.add_argument("folder", type=Path)
     parser.add_argument("--fdm", default="target/release/fdm")
     parser.add_argument("--from", dest="measured", default="states", choices=["states", "positions"])
-    parser.add_argument("--model", default="nominal", choices=["nominal", "true"])
+    parser.add_argument("--model", default="nominal", choices=KINDS)
     parser.add_argument("--runs", type=int, default=8, help="of the first eight, those that are fitted")
     # what it does not know is for `fdm fit`
     a, extra = parser.parse_known_args()

@@ -1,10 +1,11 @@
 //! What runs bring: derivatives of models with known values, groups and angles that wrap, against central differences.
 
 use fdm::Model;
+use fdm::estimate::{FitOptions, fit};
 use fdm::record::Run;
 use fdm::simulate::Simulator;
 use std::collections::BTreeMap;
-use support::model;
+use support::{Normal, model};
 
 /// Derivatives by all free params at the start values against central differences; gives the outputs.
 fn checked(model: &Model, run: &Run) -> Vec<f64> {
@@ -104,5 +105,83 @@ fn an_angle_that_wraps_is_turned_towards_its_measurement() {
     for (k, (z, y)) in measured.measured.iter().zip(&turned).enumerate() {
         let ahead = if k % 2 == 0 { 90.0 } else { 1.0 };
         assert!((z - y - ahead).abs() < 1e-9, "{k}: {z} {y}");
+    }
+}
+
+/// Eight flights from other trims: each has angles of attack and of the elevator of its own about which one linear model holds.
+#[test]
+fn runs_at_other_trims_fit_one_model() {
+    let short_period = model(
+        "model short_period {
+  input  de [rad];
+  param  alpha_0 = 0 per run [rad] \"angle of attack in trim\", de_0 = 0 per run [rad] \"elevator in trim\";
+  state  alpha = free [rad], q = free [rad/s];
+  param  Za = -0.8 [1/s], Ma = -3 [1/s^2], Mq = -1 [1/s], Md = -5 [1/s^2];
+  der(alpha) = Za*(alpha - alpha_0) + q;
+  der(q) = Ma*(alpha - alpha_0) + Mq*q + Md*(de - de_0);
+  output alpha_m [rad] = alpha, q_m [rad/s] = q;
+}",
+    );
+    const DT: f64 = 0.05;
+    let truth = [("Za", -1.1), ("Ma", -4.2), ("Mq", -1.6), ("Md", -7.5)];
+    let [za, ma, mq, md] = truth.map(|(_, value)| value);
+    let trims: Vec<(f64, f64)> = (0..8).map(|k| (0.02 + 0.02 * f64::from(k), -0.01 - 0.012 * f64::from(k))).collect();
+    let flown = |number: usize, (alpha_0, de_0): (f64, f64)| {
+        let mut noise = Normal(40 + number as u64);
+        let (mut inputs, mut measured) = (Vec::new(), Vec::new());
+        // it begins off its trim, as no flight is trimmed altogether
+        let mut x = [alpha_0 + 0.01 * noise.next(), 0.02 * noise.next()];
+        let elevator = |t: f64| {
+            let phase = 1.0 + 0.7 * number as f64;
+            de_0 + 0.03 * ((1.7 * t + phase).sin() - phase.sin()) + if (2.0..3.5).contains(&t) { 0.04 } else { 0.0 }
+        };
+        for k in 0..240 {
+            let t = DT * f64::from(k);
+            let de = elevator(t);
+            inputs.push(de);
+            measured.extend([x[0] + 0.001 * noise.next(), x[1] + 0.002 * noise.next()]);
+            let next = elevator(t + DT);
+            let rates = |x: [f64; 2], part: f64| {
+                let u = de + part * (next - de) - de_0;
+                let a = x[0] - alpha_0;
+                [za * a + x[1], ma * a + mq * x[1] + md * u]
+            };
+            let steps = 10;
+            let h = DT / f64::from(steps);
+            for step in 0..steps {
+                let part = f64::from(step) / f64::from(steps);
+                let ahead = |k: [f64; 2], by: f64| [x[0] + by * k[0], x[1] + by * k[1]];
+                let a = rates(x, part);
+                let b = rates(ahead(a, h / 2.0), part + 0.5 / f64::from(steps));
+                let c = rates(ahead(b, h / 2.0), part + 0.5 / f64::from(steps));
+                let d = rates(ahead(c, h), part + 1.0 / f64::from(steps));
+                x = [0, 1].map(|i| x[i] + h / 6.0 * (a[i] + 2.0 * b[i] + 2.0 * c[i] + d[i]));
+            }
+        }
+        Run {
+            name: format!("flight {number}"),
+            time: (0..240).map(|k| DT * f64::from(k)).collect(),
+            held: vec![false],
+            input_gaps: vec![0],
+            output_gaps: vec![0; 2],
+            inputs,
+            measured,
+        }
+    };
+    let runs: Vec<Run> = trims.iter().enumerate().map(|(k, trim)| flown(k, *trim)).collect();
+    for count in [2, 8] {
+        let found = fit(&short_period, &runs[..count], &FitOptions::default(), &mut ()).expect("a fit");
+        assert!(found.estimate.is_good(), "{}", found.estimate.termination);
+        let off = |name: &str, run: Option<&str>, truth: f64| {
+            let p = found.estimate.parameter(name, run).expect("estimated");
+            let error = p.error().expect("an error");
+            println!("{count} flights, {name} {run:?}: {truth:.4}, {:.5} +- {error:.5}", p.value);
+            assert!((p.value - truth).abs() < 4.0 * error && error < 0.1 * truth.abs().max(0.05), "{name} {run:?}");
+        };
+        truth.iter().for_each(|(name, value)| off(name, None, *value));
+        for (run, (alpha_0, de_0)) in runs[..count].iter().zip(&trims) {
+            off("alpha_0", Some(&run.name), *alpha_0);
+            off("de_0", Some(&run.name), *de_0);
+        }
     }
 }

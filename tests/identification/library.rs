@@ -261,6 +261,70 @@ fn a_tanker_turns_in_the_circles_of_the_paper() {
     }
 }
 
+/// First and second overshoot of a zigzag, in degrees: the rudder goes over when the heading has changed by the angle of the rudder.
+fn overshoots(angle: f64, side: f64) -> [f64; 2] {
+    let text = format!(
+        "model zigzag {{
+      input n [1/s];
+      const angle = {angle} [deg], side = {side} [1], rate = 2.34 [deg/s];
+      state delta [deg] = 0, moving = {side} [1];
+      use \"std/ship_mmg\" as ship(delta = deg2rad(delta), n = n);
+      let psi = side*rad2deg(ship.heading) [deg];
+      der(delta) = rate*moving;
+      der(moving) = 0;
+      when psi > angle {{ moving = -side; }}
+      when psi < -angle {{ moving = side; }}
+      when side*delta > angle {{ moving = 0; }}
+      when side*delta < -angle {{ moving = 0; }}
+      output heading [deg] = rad2deg(ship.heading); }}"
+    );
+    let ship = model(&text);
+    let mut params = ship.definition().params.clone();
+    for (name, value) in [("ship.u(0)", 15.5 * 1852.0 / 3600.0), ("ship.R0", 0.00789)] {
+        params.iter_mut().find(|p| p.quantity.name == name).expect("a param").value = value;
+    }
+    let ship = ship.with_params(params);
+    let time: Vec<f64> = (0..1601).map(|k| 0.5 * f64::from(k)).collect();
+    let run = fdm::record::Run {
+        name: "zigzag".into(),
+        inputs: vec![1.228_788_4; time.len()],
+        measured: vec![f64::NAN; time.len()],
+        held: vec![true],
+        input_gaps: vec![0],
+        output_gaps: vec![0],
+        time,
+    };
+    let mut heading = vec![0.0; run.len()];
+    let mut simulator = Simulator::new(ship.dynamics(), &run, 2).expect("suited");
+    simulator.simulate(&ship.definition().start(), &mut heading).expect("finite");
+    // turning points beyond the angle, by a parabola through three samples
+    let tops = heading.windows(3).filter(|h| (h[1] - h[0]) * (h[2] - h[1]) <= 0.0 && h[1].abs() > angle);
+    let top = |h: &[f64]| {
+        let (slope, bend) = (0.5 * (h[2] - h[0]), h[2] - 2.0 * h[1] + h[0]);
+        (h[1] - 0.5 * slope * slope / bend).abs() - angle
+    };
+    let found: Vec<f64> = tops.map(top).collect();
+    [found[0], found[1]]
+}
+
+#[test]
+fn a_tanker_zigzags_as_another_program_says() {
+    // the equations of the paper by SciPy's DOP853 with events at 1e-10, full scale at 15.5 kn, rudder at 2.34 degrees a second
+    let others: [(f64, f64, [f64; 2]); 4] = [
+        (10.0, 1.0, [5.7532, 19.9961]),
+        (10.0, -1.0, [8.7234, 12.0263]),
+        (20.0, 1.0, [11.7651, 20.0815]),
+        (20.0, -1.0, [16.4022, 13.8683]),
+    ];
+    for (angle, side, others) in others {
+        let got = overshoots(angle, side);
+        println!("{angle}/{angle} to {side}: {got:.4?}, {others:.4?}");
+        for (got, other) in got.iter().zip(others) {
+            assert!((got - other).abs() < 0.003, "{angle}, {side}: {got} and {other}");
+        }
+    }
+}
+
 #[test]
 fn the_air_is_that_of_the_standard() {
     // US Standard Atmosphere, 1976, tables 1 and 3: altitude, temperature, pressure, density, speed of sound; viscosity
