@@ -4,8 +4,8 @@
 //! [`Screening`]: statistic, size, p-value of each candidate, and the family-wise p-value of the best. **Never**
 //! simulates or fits: directions come from whoever can extend a model. **Start** at [`screen`]. Its order is
 //! `basis` (the few columns that carry all signals) -> `bands` (products in narrow bands) -> `saturated` (noise that fit and
-//! candidates leave) -> `projection` (what the fit has absorbed) -> `pursuit` (what a residual follows) -> `standardised` (outliers, noise that outputs share) ->
-//! `score` -> `null_distribution` (what noise does to the best of many); `consistency` compares runs.
+//! candidates leave) -> `projection` (what the fit has absorbed) -> `pursuit` (what a residual follows) ->
+//! `standardised` (outliers, noise that outputs share) -> `score` -> `null_distribution` (what noise does to the best of many); `consistency` compares runs.
 
 mod bands;
 mod basis;
