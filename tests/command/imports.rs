@@ -580,7 +580,7 @@ fn what_has_no_place_in_a_problem_is_said() {
     desk.write("both.csv", both);
     desk.fdm("fit plain.fdm --data both.csv --iterations 1 --noise full --out full");
     assert!(desk.refused("export --from-result full --to petab -o q").contains("correlated"));
-    desk.fdm("fit plain.fdm --data both.csv --iterations 1 --loss huber --out huber");
+    desk.fdm("fit plain.fdm --data both.csv --loss huber --out huber");
     assert!(desk.refused("export --from-result huber --to petab -o q").contains("--loss"));
     assert!(!desk.path("q").exists());
 }
