@@ -421,8 +421,11 @@ struct There<'a> {
     options: &'a str,
 }
 
-/// Numbers of a record: `of` makes a row out of a time and a noise between -0.5 and 0.5.
-fn recorded(header: &str, interval: f64, of: &mut dyn FnMut(f64, &mut dyn FnMut() -> f64) -> Vec<f64>) -> String {
+/// Draws between -0.5 and 0.5.
+type Draws<'a> = dyn FnMut() -> f64 + 'a;
+
+/// Numbers of a record: `of` makes a row out of a time and draws of a noise.
+fn recorded(header: &str, interval: f64, of: &mut dyn FnMut(f64, &mut Draws<'_>) -> Vec<f64>) -> String {
     let mut state = 11_u32;
     let mut noise = move || {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
