@@ -12,7 +12,9 @@ use fdm_numeric::fourier::{ComplexFft, CosineTransform};
 use nalgebra::{DMatrix, DVector};
 use num_complex::Complex;
 use rayon::prelude::*;
+use std::borrow::Cow;
 use std::f64::consts::FRAC_1_SQRT_2;
+use std::sync::Arc;
 
 /// Bins that are left out at the low end: the mean, and the slowest drift of noise with a long memory.
 pub(super) const DROPPED: usize = 4;
@@ -39,13 +41,61 @@ pub struct Record {
     pub residual: Signals,
     /// Derivatives of the response by everything that was fitted; `None` for what belongs to other runs.
     pub fitted: Vec<Option<Signals>>,
-    /// What each direction adds to the response, in the order of the directions.
+    /// What each direction adds to the response, in the order of the directions; at the measured rows only, where they are given.
     pub directions: Vec<Signals>,
+    /// Rows at which something was measured; none where that is so at all of them.
+    pub rows: Option<MeasuredRows>,
     /// Deviation of the noise at each sample in that of its output (N by q), where it is not even; all signals are divided by it.
     pub deviations: Option<Signals>,
 }
 
+/// Rows of a run at which something was measured, rising. Of a thousand directions nothing else is kept.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct MeasuredRows(Arc<[usize]>);
+
+impl MeasuredRows {
+    /// Of measurements (N by q); none where something was measured at every row.
+    pub(super) fn of(measured: &[f64], channels: usize) -> Option<Self> {
+        let rows: Vec<&[f64]> = measured.chunks_exact(channels.max(1)).collect();
+        let list: Arc<[usize]> = (0..rows.len()).filter(|k| rows[*k].iter().any(|v| !v.is_nan())).collect();
+        (list.len() < rows.len()).then_some(Self(list))
+    }
+
+    /// A signal (N by q) at these rows.
+    pub(super) fn taken(rows: Option<&Self>, signal: Signals, channels: usize) -> Signals {
+        let Some(Self(list)) = rows else { return signal };
+        list.iter().flat_map(|k| &signal[k * channels..][..channels]).copied().collect()
+    }
+
+    /// The place of a row among them.
+    fn place(&self, row: usize) -> usize {
+        self.0.partition_point(|own| *own < row)
+    }
+}
+
 impl Record {
+    /// A direction at all rows (N by q), zero where nothing was measured.
+    pub(super) fn direction(&self, direction: usize, channels: usize) -> Cow<'_, [f64]> {
+        let own = &self.directions[direction];
+        let Some(MeasuredRows(list)) = &self.rows else { return Cow::Borrowed(own) };
+        let mut whole = vec![0.0; self.residual.len()];
+        for (k, values) in list.iter().zip(own.chunks_exact(channels)) {
+            whole[k * channels..][..channels].copy_from_slice(values);
+        }
+        Cow::Owned(whole)
+    }
+
+    /// Fitted sensitivities, then directions, each with the places at which it holds these samples.
+    fn signals<'a>(&'a self, samples: &'a [usize], places: &'a [usize]) -> Vec<Option<(&'a Signals, &'a [usize])>> {
+        let fitted = self.fitted.iter().map(|own| own.as_ref().map(|own| (own, samples)));
+        fitted.chain(self.directions.iter().map(|own| Some((own, places)))).collect()
+    }
+
+    /// Where directions hold these samples.
+    fn places(&self, samples: &[usize]) -> Vec<usize> {
+        samples.iter().map(|k| self.rows.as_ref().map_or(*k, |rows| rows.place(*k))).collect()
+    }
+
     /// Samples N.
     pub(super) fn samples(&self, channels: usize) -> usize {
         self.residual.len() / channels.max(1)
@@ -106,16 +156,16 @@ impl OutputBins {
         let one = |(run, channel): (usize, usize)| {
             let (record, own) = (&records[run], &frequencies[run]);
             let samples = record.measured(channels, channel);
-            let pick = |signal: &Signals| {
-                DVector::from_iterator(samples.len(), samples.iter().map(|k| signal[k * channels + channel]))
+            let pick = |signal: &Signals, places: &[usize]| {
+                DVector::from_iterator(samples.len(), places.iter().map(|k| signal[k * channels + channel]))
             };
-            let fitted = record.fitted.iter().map(Option::as_ref);
-            let signals: Vec<Option<&Signals>> = fitted.chain(record.directions.iter().map(Some)).collect();
+            let places = record.places(&samples);
+            let signals = record.signals(&samples, &places);
             let mut columns = DMatrix::zeros(samples.len(), signals.len());
             for (k, signal) in signals.iter().enumerate() {
-                signal.iter().for_each(|signal| columns.set_column(k, &pick(signal)));
+                signal.iter().for_each(|(signal, places)| columns.set_column(k, &pick(signal, places)));
             }
-            let (residual, frequency) = (pick(&record.residual), samples.iter().map(|k| own[*k]).collect());
+            let (residual, frequency) = (pick(&record.residual, &samples), samples.iter().map(|k| own[*k]).collect());
             Self { run, channel, samples, sampled: false, frequency, columns, residual }
         };
         let bins: Vec<Self> = (0..records.len()).flat_map(place).collect::<Vec<_>>().into_par_iter().map(one).collect();
@@ -132,10 +182,10 @@ impl OutputBins {
         let n = samples.len();
         let scale = (2.0 / n as f64).sqrt();
         let mut buffer = vec![0.0; n];
-        let mut transform = |signal: &Signals, bins: &mut [f64]| {
-            for (value, k) in buffer.iter_mut().zip(&samples) {
+        let mut transform = |signal: &Signals, places: &[usize], bins: &mut [f64]| {
+            for ((value, k), place) in buffer.iter_mut().zip(&samples).zip(places) {
                 let deviation = record.deviations.as_ref().map_or(1.0, |own| own[k * channels + channel]);
-                *value = signal[k * channels + channel] / deviation;
+                *value = signal[place * channels + channel] / deviation;
             }
             dct.forward(&mut buffer);
             for (bin, value) in bins.iter_mut().zip(&buffer[dropped..]) {
@@ -145,16 +195,16 @@ impl OutputBins {
                 bins[0] *= FRAC_1_SQRT_2;
             }
         };
-        let fitted = record.fitted.iter().map(Option::as_ref);
-        let signals: Vec<Option<&Signals>> = fitted.chain(record.directions.iter().map(Some)).collect();
+        let places = record.places(&samples);
+        let signals = record.signals(&samples, &places);
         let mut columns = DMatrix::zeros(n - dropped, signals.len());
         for (mut column, signal) in columns.column_iter_mut().zip(signals) {
-            if let Some(signal) = signal {
-                transform(signal, column.as_mut_slice());
+            if let Some((signal, places)) = signal {
+                transform(signal, places, column.as_mut_slice());
             }
         }
         let mut residual = DVector::zeros(n - dropped);
-        transform(&record.residual, residual.as_mut_slice());
+        transform(&record.residual, &samples, residual.as_mut_slice());
         let interval = record.interval * spacing(&samples);
         let frequency = (dropped..n).map(|k| ordinal(k) / (2.0 * n as f64 * interval)).collect();
         Self { run, channel, samples, sampled: true, frequency, columns, residual }

@@ -12,6 +12,8 @@ use std::fs;
 const WINDOWS: [(&str, u32, u32, f32); 2] = [("desktop", 1280, 1900, 0.5), ("phone", 390, 1300, 0.7)];
 /// A sheet of A4 between its margins.
 const SHEET: (u32, u32, f32) = (718, 1040, 0.6);
+/// A window in which a whole diagnosis has room.
+const WHOLE: (u32, u32, f32) = (1280, 9000, 0.5);
 /// Bytes of all pictures together.
 const MOST: u64 = 3_000_000;
 
@@ -43,5 +45,8 @@ fn pages_are_seen_light_and_dark_on_a_desk_on_a_phone_and_on_paper() {
         desk.write("sheet.html", page.replace("@media print", "@media all"));
         drawn(format!("{name}_print"), &seen(&desk, "sheet", "light", SHEET), PAPERS[0].1);
     }
+    let (light, paper) = PAPERS[0];
+    let whole = seen(&desk, "diagnosis", light, WHOLE).to_the_end(paper);
+    drawn("diagnosis_whole".into(), &whole, paper);
     assert!(sum < MOST, "{sum} bytes");
 }

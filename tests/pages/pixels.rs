@@ -39,6 +39,13 @@ impl Pixels {
         Self { width, height, colours: rows.flat_map(|row| row[..width].iter().copied()).collect() }
     }
 
+    /// Without the paper below the last ink.
+    pub(crate) fn to_the_end(&self, paper: [u8; 3]) -> Self {
+        let rows = self.colours.chunks_exact(self.width);
+        let last = rows.rev().position(|row| row.iter().any(|p| *p != paper)).unwrap_or(0);
+        self.cut(self.width, self.height - last)
+    }
+
     /// As a PNG file of the 256 colours that are seen most, each pixel the nearest of them.
     pub(crate) fn write(&self, path: &Path) {
         let mut seen: BTreeMap<[u8; 3], usize> = BTreeMap::new();

@@ -80,6 +80,7 @@ pub(crate) fn suggestions(model: &Model, fitted_runs: &[FittedRun<'_>]) -> Resul
             residual: residual.clone(),
             fitted: fitted.clone(),
             directions,
+            rows: None,
             deviations: fitted_run.record.deviations.clone(),
         });
     }

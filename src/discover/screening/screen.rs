@@ -231,7 +231,7 @@ fn gathered(
     if let Some((run, samples)) = records.iter().map(samples).enumerate().find(|(_, n)| *n < least) {
         return Err(ScreeningError::TooShort { run, samples, least });
     }
-    if let Some(run) = records.iter().position(|r| !is_finite(r)) {
+    if let Some(run) = records.iter().position(|r| !is_finite(r, channels)) {
         return Err(ScreeningError::NotFinite { run });
     }
     let mut bins = match frequencies {
@@ -254,7 +254,7 @@ fn gathered(
 }
 
 /// Whether every signal is a number wherever something was measured, and has the residual's length.
-fn is_finite(record: &Record) -> bool {
+fn is_finite(record: &Record, channels: usize) -> bool {
     let fits = |signal: &[f64]| {
         let mut pairs = signal.iter().zip(&record.residual);
         signal.len() == record.residual.len() && pairs.all(|(value, residual)| residual.is_nan() || value.is_finite())
@@ -263,7 +263,7 @@ fn is_finite(record: &Record) -> bool {
         && record.interval.is_finite()
         && fits(&record.residual)
         && record.fitted.iter().flatten().all(|s| fits(s))
-        && record.directions.iter().all(|s| fits(s))
+        && (0..record.directions.len()).all(|k| fits(&record.direction(k, channels)))
 }
 
 /// The first draws are one of so many that are wanted.

@@ -374,8 +374,8 @@ impl ForwardStep<'_> {
 
     /// What a direction predicts.
     pub(super) fn prediction(&self, direction: usize, projection: &Projection) -> Prediction {
-        let parts: Vec<&[f64]> = self.records.iter().map(|r| &r.directions[direction][..]).collect();
-        let (added, (t, point)) = (projection.added(&parts), self.owner[direction]);
+        let added = self.with_direction(direction, |parts| projection.added(parts));
+        let (t, point) = self.owner[direction];
         let (twice, amount) = projection.predicted_gain(&added.direction, &self.simulated[t].points[point]);
         Prediction { gain: 0.5 * twice, direction, amount, point, added }
     }

@@ -10,7 +10,7 @@ use super::extended_model::{AttachedEffect, SignalScales};
 use super::fitted_model::FittedModel;
 use super::predictor::Predictor;
 use super::runs::{Domain, Runs};
-use crate::bins::Signals;
+use crate::bins::{MeasuredRows, Signals};
 use crate::screening::Shape;
 use fdm_estimate::{BinResponse, Response, SpectralBins, SpectralOptions};
 use fdm_grammar::Schedule;
@@ -35,7 +35,7 @@ pub(super) struct CandidateDirections {
     pub(super) attached: AttachedEffect,
     /// Where it was tried.
     pub(super) points: Vec<TrialPoint>,
-    /// What it adds there to each run (points by runs).
+    /// What it adds there to each run (points by runs), at the rows at which something was measured.
     pub(super) signals: Vec<Vec<Signals>>,
     /// How each run was answered, those that are for validation too.
     pub(super) predictors: Vec<Predictor>,
@@ -268,7 +268,16 @@ impl CandidateSimulation<'_> {
 
     fn run(&self, r: usize, steps: &Steps) -> Option<RunSimulation<'_>> {
         let simulator = Simulator::new(self.dynamics, &self.runs[r], steps.clone()).ok()?;
-        Some(RunSimulation { simulation: self, r, steps: steps.clone(), simulator, null: None, known: Vec::new() })
+        let rows = MeasuredRows::of(&self.runs[r].measured, simulator.outputs());
+        Some(RunSimulation {
+            simulation: self,
+            r,
+            steps: steps.clone(),
+            simulator,
+            rows,
+            null: None,
+            known: Vec::new(),
+        })
     }
 }
 
@@ -289,6 +298,8 @@ struct RunSimulation<'a> {
     r: usize,
     steps: Steps,
     simulator: Simulator<'a>,
+    /// Where something was measured; nothing else is kept.
+    rows: Option<MeasuredRows>,
     /// The response at the null.
     null: Option<Signals>,
     /// Directions that have been found already.
@@ -299,7 +310,7 @@ struct RunSimulation<'a> {
 type Known = (TrialPoint, Option<Signals>);
 
 impl RunSimulation<'_> {
-    /// What the effect adds at a point; none where that is not finite.
+    /// What the effect adds at a point where something was measured; none where that is not finite.
     fn direction(&mut self, point: &TrialPoint) -> Option<Signals> {
         if let Some(k) = self.known.iter().position(|(own, _)| own == point) {
             return self.known.swap_remove(k).1;
@@ -314,13 +325,17 @@ impl RunSimulation<'_> {
         if point.is_linear() {
             let (column, mut jacobian) = ([attached.new[point.lead]], vec![0.0; cells * 8]);
             self.simulator.sensitivities(&theta, &column, &mut y, &mut jacobian).ok()?;
-            let found: Signals = jacobian.chunks_exact(8).map(|row| row[0]).collect();
+            let found = self.kept(jacobian.chunks_exact(8).map(|row| row[0]).collect());
             return found.iter().all(|v| v.is_finite()).then_some(found);
         }
         self.simulator.simulate(&theta, &mut y).ok()?;
         let null = self.null(point)?;
         y.iter_mut().zip(null).for_each(|(y, null)| *y -= null);
-        y.iter().all(|v| v.is_finite()).then_some(y)
+        y.iter().all(|v| v.is_finite()).then(|| self.kept(y))
+    }
+
+    fn kept(&self, signal: Signals) -> Signals {
+        MeasuredRows::taken(self.rows.as_ref(), signal, self.simulator.outputs())
     }
 
     /// The response without the effect, by the same steps.

@@ -13,7 +13,7 @@ use super::extended_model::{AttachedEffect, SignalScales};
 use super::fitted_model::FittedModel;
 use super::predictor::Predictor;
 use super::runs::{Domain, GoesOn, Runs};
-use crate::bins::Signals;
+use crate::bins::{MeasuredRows, Signals};
 use fdm_grammar::effect::Candidate;
 use fdm_grammar::forced::Forced;
 use fdm_grammar::graph::Signal;
@@ -271,7 +271,9 @@ impl<'a> Tiles<'a> {
         let stride = tile.columns.len().next_multiple_of(8);
         let (mut y, mut jacobian) = (vec![0.0; cells], vec![0.0; cells * stride]);
         simulator.sensitivities(&theta, &tile.columns, &mut y, &mut jacobian).ok()?;
-        let column = |c: usize| jacobian.chunks_exact(stride).map(|row| row[c]).collect();
+        let rows = MeasuredRows::of(&run.measured, simulator.outputs());
+        let whole = |c: usize| jacobian.chunks_exact(stride).map(|row| row[c]).collect();
+        let column = |c: usize| MeasuredRows::taken(rows.as_ref(), whole(c), simulator.outputs());
         Some((0..tile.columns.len()).map(column).collect())
     }
 

@@ -131,6 +131,13 @@ impl ForwardStep<'_> {
         if (self.goes_on)() { Ok(()) } else { Err(DiagnosisError::Stopped) }
     }
 
+    /// Something of what a direction adds to each run (N by q).
+    pub(super) fn with_direction<T>(&self, direction: usize, of: impl FnOnce(&[&[f64]]) -> T) -> T {
+        let q = self.current.outputs();
+        let whole: Vec<_> = self.records.iter().map(|record| record.direction(direction, q)).collect();
+        of(&whole.iter().map(|part| &part[..]).collect::<Vec<_>>())
+    }
+
     /// Candidates by rank.
     pub(super) fn ranking(&self) -> Vec<Screened> {
         self.screening.ranking.iter().map(|t| self.screened(*t)).collect()

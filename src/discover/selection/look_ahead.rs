@@ -212,10 +212,7 @@ impl ForwardStep<'_> {
         };
         let beginnings: Vec<Beginning<'_>> =
             fit.first().into_iter().chain(others).collect::<Vec<_>>().into_par_iter().filter_map(beginning).collect();
-        let direction = |d: usize| -> Vec<f64> {
-            let parts: Vec<&[f64]> = self.records.iter().map(|r| &r.directions[d][..]).collect();
-            projection.added(&parts).direction
-        };
+        let direction = |d: usize| -> Vec<f64> { self.with_direction(d, |parts| projection.added(parts).direction) };
         // what it predicts alone, and beside each beginning
         let scored = |d: usize| -> (f64, Vec<Option<Partner>>) {
             let own = self.prediction(d, &projection);

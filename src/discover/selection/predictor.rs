@@ -3,7 +3,7 @@
 use super::error::DiagnosisError;
 use super::runs::{Domain, Runs, interval};
 use super::whitening::{CommonNoise, WhitenedResponse, Whitener};
-use crate::bins::{Record, Signals};
+use crate::bins::{MeasuredRows, Record, Signals};
 use crate::diagnosis::FrequencyDomain;
 use crate::lack_of_fit::BinnedResidual;
 use fdm_estimate::{BinResponse, ProblemRun, Response, SpectralBins};
@@ -154,8 +154,17 @@ impl Predictor {
         for other in 0..runs {
             fitted.extend((0..own.len()).map(|c| (other == place).then(|| column(shared.len() + c))));
         }
-        let residual = self.measured(run).iter().zip(&y).map(|(z, y)| z - y).collect();
-        Ok(Record { interval: interval(run), residual, fitted, directions: Vec::new(), deviations: None })
+        let residual: Signals = self.measured(run).iter().zip(&y).map(|(z, y)| z - y).collect();
+        let rows = self.rows(run, dynamics.layout().outputs);
+        Ok(Record { interval: interval(run), residual, fitted, directions: Vec::new(), rows, deviations: None })
+    }
+
+    /// Rows of a run at which directions are kept; none where that is all of them.
+    fn rows(&self, run: &Run, outputs: usize) -> Option<MeasuredRows> {
+        match self {
+            Self::Steps(_) => MeasuredRows::of(&run.measured, outputs),
+            Self::Bins { .. } => None,
+        }
     }
 
     /// Of free parameters (those that all runs share, those of each run) those that its responses show; behind the parameters (p) what

@@ -68,7 +68,8 @@ const KEPT: usize = 1_000;
 /// Part of the deviation of an input that may be lost, as its root mean square.
 const LOST: f64 = 1e-3;
 
-/// Every k-th sample of runs that are longer than a search with so many candidates needs, and what was left out, in a sentence.
+/// Every k-th sample of runs that are longer than a search with so many candidates needs, and what was left out, in a sentence. Where inputs
+/// need more samples than that, they keep them, and the outputs are compared at fewer.
 pub(super) fn thinned(runs: Vec<Run>, outputs: usize, candidates: usize) -> (Vec<Run>, Option<String>) {
     let samples: usize = runs.iter().map(Run::len).sum();
     let numbers = samples.saturating_mul(outputs).saturating_mul(DIRECTIONS * candidates.max(1));
@@ -78,17 +79,47 @@ pub(super) fn thinned(runs: Vec<Run>, outputs: usize, candidates: usize) -> (Vec
     while every > 1 && !runs.iter().filter(|run| run.len() > KEPT).all(|run| keeps_inputs(run, every)) {
         every -= (every / 4).max(1);
     }
-    if every == 1 {
-        return (runs, None);
-    }
-    let part = |run: &Run| if run.len() > KEPT { run.every(every) } else { run.clone() };
+    let part = |run: &Run| if every > 1 && run.len() > KEPT { run.every(every) } else { run.clone() };
     let runs: Vec<Run> = runs.iter().map(part).collect();
     let left: usize = runs.iter().map(Run::len).sum();
-    let note = format!(
-        "of {samples} samples every {every}th is used ({left}), as there are {candidates} candidates; all errors are those of these samples. \
-         `--without` and `--only` leave more time for each"
-    );
-    (runs, Some(note))
+    let compared = measured(&runs);
+    let runs: Vec<Run> = runs.into_iter().map(|run| sparser(run, wanted.div_ceil(every))).collect();
+    let mut said = Vec::new();
+    if left < samples {
+        said.push(format!("of {samples} samples every {every}th is used ({left})"));
+    }
+    if measured(&runs) < compared {
+        let kept = measured(&runs);
+        said.push(format!(
+            "of {compared} measurements {kept} are compared, between which the inputs move too much for fewer samples"
+        ));
+    }
+    let note = (!said.is_empty()).then(|| {
+        format!(
+            "{}, as there are {candidates} candidates; all errors are those of what is left. `--without` and `--only` leave more time for each",
+            said.join("; ")
+        )
+    });
+    (runs, note)
+}
+
+/// Values of outputs that were measured.
+fn measured(runs: &[Run]) -> usize {
+    runs.iter().flat_map(|run| &run.measured).filter(|z| !z.is_nan()).count()
+}
+
+/// The run with every k-th measurement of each output, but not fewer than are kept of any.
+fn sparser(mut run: Run, k: usize) -> Run {
+    let q = run.output_gaps.len();
+    for o in 0..q {
+        let own: Vec<usize> = (0..run.len()).filter(|row| !run.measured[row * q + o].is_nan()).collect();
+        let k = k.min(own.len() / KEPT).max(1);
+        own.iter()
+            .enumerate()
+            .filter(|(place, _)| place % k != 0)
+            .for_each(|(_, row)| run.measured[row * q + o] = f64::NAN);
+    }
+    run
 }
 
 /// Whether every k-th sample of the inputs says all of them, as they are interpolated: what is lost would be taken for an effect.
@@ -305,9 +336,15 @@ mod tests {
         let mut stepped = long.clone();
         stepped.inputs.iter_mut().enumerate().for_each(|(k, u)| *u = f64::from(u8::from(k % 1000 > 497)));
         let (kept, note) = thinned(vec![stepped.clone()], 1, 8_000);
-        assert!(note.is_none() && kept == [stepped]);
+        // the inputs are kept, and fewer outputs compared
+        assert!(note.is_some_and(|n| n.contains("of 50000 measurements 7143 are compared")));
+        assert_eq!((&kept[0].inputs, &kept[0].time), (&stepped.inputs, &stepped.time));
+        assert!(
+            (0..50_000)
+                .all(|k| kept[0].measured[k] == stepped.measured[k] || k % 7 != 0 && kept[0].measured[k].is_nan())
+        );
         let (kept, note) = thinned(vec![long, short.clone()], 1, 8_000);
-        assert!(note.is_some_and(|n| n.contains("of 51000 samples every 7th is used (8143)")));
+        assert!(note.is_some_and(|n| n.starts_with("of 51000 samples every 7th is used (8143), as there are")));
         assert_eq!((kept[0].len(), kept[0].time[2], kept[0].inputs[2], kept[0].measured[2]), (7143, 14.0, 28.0, 14.0));
         assert_eq!(kept[1], short);
     }

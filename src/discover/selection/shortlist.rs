@@ -107,9 +107,9 @@ impl ForwardStep<'_> {
         let gained = |(_, t): &(f64, usize)| -> Option<(f64, usize)> {
             let predictions = self.predictions(*t, projection);
             let best = predictions.first()?;
-            let direction: Vec<&[f64]> = self.records.iter().map(|r| &r.directions[best.direction][..]).collect();
             let base: Vec<&[f64]> = base.iter().map(Vec::as_slice).collect();
-            let without = self.less(&base, Some(&direction), (best.amount, &best.added));
+            let less = |direction: &[&[f64]]| self.less(&base, Some(direction), (best.amount, &best.added));
+            let without = self.with_direction(best.direction, less);
             Some((self.likelihood(&without) - likelihood - self.penalty(*t), *t))
         };
         let all: Vec<(f64, usize)> = ranked[..ranked.len().min(ASKED)].par_iter().filter_map(gained).collect();

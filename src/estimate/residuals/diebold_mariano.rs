@@ -54,20 +54,25 @@ pub fn advantage(runs: &[(Vec<f64>, Vec<f64>)]) -> Option<Advantage> {
     }
     let mean = sum / count;
     let (mut variance, mut spread, mut degrees) = (0.0, 0.0, 0);
-    let mut ratios = Vec::new();
-    for (difference, (own, other)) in differences.iter().zip(runs) {
+    let mut coloured = 0.0;
+    for difference in &differences {
         let centred: Vec<f64> = difference.iter().map(|d| d - mean).collect();
-        let (long_run, cosines) = long_run_variance(&centred)?;
+        let LongRun { variance: long_run, cosines, independent } = long_run_variance(&centred)?;
         let present = centred.iter().filter(|d| !d.is_nan());
-        let alone = present.clone().map(|d| d * d).sum::<f64>() / long_run;
-        ratios.extend(block_ratios(own, other, alone));
         variance += present.clone().count() as f64 * long_run;
         spread += present.map(|d| d * d).sum::<f64>();
         degrees += cosines;
+        coloured += independent;
     }
     if !(variance > 0.0 && spread.is_finite()) || degrees < FEWEST {
         return None;
     }
+    // a single cosine of a short run may be small by chance: all runs together tell, and their autoregression as well
+    let alone = (spread / variance).min(coloured / count);
+    let length =
+        |(own, other): &(Vec<f64>, Vec<f64>)| own.iter().zip(other).filter(|(v, w)| !(*v * *w).is_nan()).count();
+    let mut ratios: Vec<f64> =
+        runs.iter().flat_map(|run| block_ratios(&run.0, &run.1, alone * length(run) as f64)).collect();
     let error = variance.sqrt() / count;
     let mut by_sum = 2.0 * Student::new(degrees as f64)?.tail((mean / error).abs());
     let whole: Vec<(f64, f64)> = runs.iter().filter_map(|(own, other)| mean_squares(own, other)).collect();
@@ -118,9 +123,19 @@ fn chance(values: &[f64]) -> Option<(f64, f64)> {
     Some((mean.signum(), 2.0 * Student::new(count - 1.0)?.tail(mean.abs() / (variance / count).sqrt())))
 }
 
-/// n times the variance of the mean of n values, from the first cosines over the record, and how many of them. Their number grows with the
-/// effective number of independent values, so that it is the same however densely the record was sampled.
-fn long_run_variance(series: &[f64]) -> Option<(f64, usize)> {
+/// How uncertain the mean of a series is.
+struct LongRun {
+    /// n times the variance of the mean of n values.
+    variance: f64,
+    /// Cosines that tell it.
+    cosines: usize,
+    /// Effective number of independent values by an autoregression.
+    independent: f64,
+}
+
+/// From the first cosines over the record. Their number grows with the effective number of independent values, so that it is the same however
+/// densely the record was sampled.
+fn long_run_variance(series: &[f64]) -> Option<LongRun> {
     let present = series.iter().filter(|v| !v.is_nan());
     let n = present.clone().count() as f64;
     let colour = of_series(series);
@@ -135,7 +150,7 @@ fn long_run_variance(series: &[f64]) -> Option<(f64, usize)> {
         let all = series.iter().enumerate().filter(|(_, v)| !v.is_nan());
         all.map(|(t, v)| v * wave(t)).sum::<f64>().powi(2) * 2.0 / n
     };
-    Some(((1..=cosines).map(square).sum::<f64>() / cosines as f64, cosines))
+    Some(LongRun { variance: (1..=cosines).map(square).sum::<f64>() / cosines as f64, cosines, independent })
 }
 
 #[cfg(test)]
@@ -183,7 +198,7 @@ mod tests {
     fn chance_alone_is_significant_as_often_as_it_says() {
         const REPEATS: u64 = 400;
         // runs, their length, and how much a value keeps of the one before
-        for (count, length, memory) in [(2, 400, 0.8), (1, 400, 0.0), (3, 200, 0.9)] {
+        for (count, length, memory) in [(2, 400, 0.8), (1, 400, 0.0), (3, 200, 0.9), (4, 120, 0.97)] {
             let significant = |k: &u64| {
                 let of = |run: u64| noise(8 * k + run, length, memory);
                 let runs: Vec<_> = (0..count).map(|run| (of(run), of(run + count))).collect();

@@ -231,6 +231,7 @@ impl Case {
                     residual: run.measured.iter().zip(&y).map(|(z, y)| z - y).collect(),
                     fitted: columns.iter().map(|c| column(*c)).collect(),
                     directions: Vec::new(),
+                    rows: None,
                     deviations: None,
                 }
             })

@@ -162,7 +162,14 @@ impl Family {
                 family.size[k % q] += value * value / (plan.runs * samples) as f64;
             }
             let fitted = fitted.iter().map(|c| Some(column(*c))).collect();
-            family.records.push(Record { interval: plan.interval, residual: y, fitted, directions, deviations: None });
+            family.records.push(Record {
+                interval: plan.interval,
+                residual: y,
+                fitted,
+                directions,
+                rows: None,
+                deviations: None,
+            });
         }
         family.size.iter_mut().for_each(|s| *s = s.sqrt());
         family

@@ -1,6 +1,7 @@
 //! Small screenings whose answers are known.
 
 use super::colour::Colour;
+use crate::bins::MeasuredRows;
 use crate::screening::*;
 use fdm_numeric::random::Stream;
 use std::f64::consts::TAU;
@@ -21,6 +22,7 @@ fn records(runs: usize, samples: usize, channels: usize, colour: Colour, seed: u
             residual: (0..samples * channels).map(|k| noise[k % channels][k / channels]).collect(),
             fitted: [5.3, 9.1].iter().map(|c| Some(wave(samples, channels, *c))).collect(),
             directions: (0..6).map(|k| wave(samples, channels, 6.0 + 3.7 * k as f64)).collect(),
+            rows: None,
             deviations: None,
         }
     };
@@ -97,6 +99,28 @@ fn gaps_do_not_make_effects() {
     }
     // chi-square of one degree of freedom has the mean 1
     assert!(mean.iter().all(|m| (0.4..1.9).contains(m)), "{mean:?}");
+}
+
+#[test]
+fn directions_are_needed_where_something_was_measured() {
+    let (mut runs, directions) = records(2, 400, 2, Colour::Pink, 11);
+    for run in &mut runs {
+        add(run, 4, 0.5);
+        let measured = |k: usize| if k % 2 == 0 { (k / 2) % 4 == 1 } else { (k / 2) % 8 == 5 };
+        run.residual.iter_mut().enumerate().filter(|(k, _)| !measured(*k)).for_each(|(_, v)| *v = f64::NAN);
+    }
+    let whole = screened(&runs, 2, &directions);
+    for run in &mut runs {
+        run.rows = MeasuredRows::of(&run.residual, 2);
+        let taken = |signal: &Signals| MeasuredRows::taken(run.rows.as_ref(), signal.clone(), 2);
+        run.directions = run.directions.iter().map(taken).collect();
+        assert_eq!(run.directions[0].len(), 200);
+        let again = run.direction(3, 2);
+        let full = wave(400, 2, 6.0 + 3.7 * 3.0);
+        assert!((0..800).all(|k| again[k] == if (k / 2) % 4 == 1 { full[k] } else { 0.0 }));
+    }
+    let few = screened(&runs, 2, &directions);
+    assert_eq!((whole.candidates, whole.family_wise.to_bits()), (few.candidates, few.family_wise.to_bits()));
 }
 
 #[test]

@@ -165,6 +165,7 @@ fn many(runs: usize, samples: usize, channels: usize) -> (Vec<Record>, Vec<Direc
             fitted: (0..25).map(|k| Some(signal(k))).collect(),
             directions: (0..300).map(&mut signal).collect(),
             residual: (0..samples * channels).map(|_| normal.normal_of_pair()).collect(),
+            rows: None,
             deviations: None,
         });
     }
