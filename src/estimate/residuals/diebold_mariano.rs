@@ -11,8 +11,8 @@
 //! over blocks; Ibragimov & Mueller, Journal of Business & Economic Statistics 28 (2010) 453), and the chance is twice the lesser one.
 //!
 //! Where the differences of no run are quick enough for blocks, three runs or more are blocks themselves, as they are independent of each
-//! other whatever the memory within them: both tests are then Student's over runs. Which it is to be, the memory of the differences decides,
-//! not their sign or size.
+//! other whatever the memory within them: both tests are then Student's over runs. Which it is to be, the memory of the differences of all
+//! runs together decides, not their sign or size.
 
 use super::autoregression::of_series;
 use fdm_numeric::statistics::Student;
