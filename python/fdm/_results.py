@@ -99,7 +99,9 @@ class Diagnosis(Answer):
 
 
 class Study(Answer):
-    """A Monte Carlo study. Keys of its document are attributes: `parameters` (bias, scatter, coverage), `converged`, `pooled` ..."""
+    """A Monte Carlo study. Keys of its document are attributes: `parameters` and `requirements` (bias, scatter, coverage), `converged`,
+    `pooled` ...
+    """
 
     repeats: dict[str, NDArray[np.float64]]
     """Estimates and errors of every repeat, by column."""

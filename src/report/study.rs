@@ -6,7 +6,7 @@ use fdm_results::documents::study::{
 };
 use fdm_results::documents::{digits, digits_by_error};
 
-/// Every parameter with bias, scatter and coverage, and what should not be overlooked.
+/// What the intervals are worth; every parameter with bias, scatter and coverage; what should not be overlooked.
 pub fn study_table(study: &Study) -> String {
     let runs = study.parameters.iter().any(|p| p.subject.run.is_some());
     let steps = study.parameters.iter().any(|p| !p.subject.step.is_empty());
@@ -35,12 +35,12 @@ pub fn study_table(study: &Study) -> String {
         printed.iter().for_each(|(kind, _)| row.extend(interval(p.interval(*kind))));
         table.add_row(row);
     }
-    let mut text = trimmed(&table);
+    let mut parts = vec![verdict(study), trimmed(&table)];
     if !study.requirements.is_empty() {
-        text.push_str(&format!("\n{}", goals_table(&study.requirements)));
+        parts.push(goals_table(&study.requirements));
     }
-    text.push_str(&format!("\n{}", sentences(study)));
-    text
+    parts.extend(Some(remarks(study)).filter(|remarks| !remarks.is_empty()));
+    parts.join("\n")
 }
 
 /// Titles of [`goal_cells`].
@@ -108,9 +108,10 @@ fn percent(share: f64) -> String {
     format!("{:.1}", 100.0 * share)
 }
 
-/// What is said below the table.
-fn sentences(study: &Study) -> String {
-    let mut text = String::new();
+/// What is said above the tables.
+fn verdict(study: &Study) -> String {
+    let whole = if study.is_whole() { String::new() } else { format!(" of {} (interrupted)", study.asked) };
+    let mut text = format!("{}{whole} repeats with {} noise, seed {}\n", study.done, colour(study.colour), study.seed);
     for pooled in &study.pooled {
         let [low, high] = pooled.interval.map(percent);
         text.push_str(&format!(
@@ -124,6 +125,14 @@ fn sentences(study: &Study) -> String {
             worst.goal.name,
             percent(worst.coverage.share)
         ));
+    }
+    text
+}
+
+/// What is said below them.
+fn remarks(study: &Study) -> String {
+    let mut text = String::new();
+    if !study.requirements.is_empty() {
         let lost: Vec<String> = study
             .requirements
             .iter()
@@ -159,8 +168,6 @@ fn sentences(study: &Study) -> String {
             counted.join("\n  ")
         ));
     }
-    let whole = if study.is_whole() { String::new() } else { format!(" of {} (interrupted)", study.asked) };
-    text.push_str(&format!("{}{whole} repeats with {} noise, seed {}\n", study.done, colour(study.colour), study.seed));
     text
 }
 
@@ -183,7 +190,7 @@ fn colour(colour: Option<Colour>) -> &'static str {
 
 /// The table of each study, and one line for each where there are several.
 pub fn studies_text(studies: &[Study]) -> String {
-    let one = |s: &Study| format!("{}, {} noise\n\n{}\n", s.name, colour(s.colour), study_table(s));
+    let one = |s: &Study| format!("{}: {}\n", s.name, study_table(s));
     let mut text: String = studies.iter().map(one).collect();
     if studies.len() > 1 {
         text.push_str(&studies_table(studies));
