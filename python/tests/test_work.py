@@ -18,6 +18,9 @@ from conftest import MODELS, command, decaying, plain, rolling
 
 import fdm
 
+# a process that a shell has started behind `&` ignores interrupts
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
 
 @pytest.fixture(scope="module")
 def slow():

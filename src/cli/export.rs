@@ -102,7 +102,7 @@ impl Recursive {
             map_file: self.map_file.clone(),
             hold: self.zoh.clone(),
             known: self.known.clone(),
-            require_outputs: false,
+            require_outputs: true,
             ..ReadOptions::default()
         };
         let mut files = self.list.files((&self.data, Role::Fit), &reading, &model)?;

@@ -203,6 +203,13 @@ fn what_is_no_estimator_is_said() {
     assert!(desk.refused("export m.fdm --to rust --recursive --data run2.csv").contains("--to c"));
     assert!(desk.refused("export m.fdm --to c --data run2.csv").contains("records are for --recursive"));
     assert!(desk.refused("export m.fdm --to c --recursive").contains("--data"));
+    // an estimator that estimates nothing is none
+    let text = "model s { input u; state x = 0; param a = -1, b = 1; der(x) = a*x + b*u; output y = x; }";
+    desk.write("s.fdm", text);
+    desk.write("s.csv", "t, u\n0, 0\n0.1, 1\n0.2, 1\n0.3, 2\n");
+    assert!(desk.refused("export s.fdm --to c --recursive --data s.csv").contains("no column for the output `y`"));
+    desk.write("s.csv", "t, u, y\n0, 0, 0\n0.1, 1,\n0.2, 1, 0.1\n0.3, 2,\n");
+    assert!(desk.refused("export s.fdm --to c --recursive --data s.csv").contains("der(x): no sample has all values"));
     let text = "model d { input u; state x = 0; param a = -1, b = 1; der(x) = a*x + b*der(u); output y = x; }";
     desk.write("d.fdm", text);
     let rows: String = (0..40)

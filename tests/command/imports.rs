@@ -421,8 +421,11 @@ struct There<'a> {
     options: &'a str,
 }
 
-/// Numbers of a record: `of` makes a row out of a time and a noise between -0.5 and 0.5.
-fn recorded(header: &str, interval: f64, of: &mut dyn FnMut(f64, &mut dyn FnMut() -> f64) -> Vec<f64>) -> String {
+/// Draws between -0.5 and 0.5.
+type Draws<'a> = dyn FnMut() -> f64 + 'a;
+
+/// Numbers of a record: `of` makes a row out of a time and draws of a noise.
+fn recorded(header: &str, interval: f64, of: &mut dyn FnMut(f64, &mut Draws<'_>) -> Vec<f64>) -> String {
     let mut state = 11_u32;
     let mut noise = move || {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -580,7 +583,7 @@ fn what_has_no_place_in_a_problem_is_said() {
     desk.write("both.csv", both);
     desk.fdm("fit plain.fdm --data both.csv --iterations 1 --noise full --out full");
     assert!(desk.refused("export --from-result full --to petab -o q").contains("correlated"));
-    desk.fdm("fit plain.fdm --data both.csv --iterations 1 --loss huber --out huber");
+    desk.fdm("fit plain.fdm --data both.csv --loss huber --out huber");
     assert!(desk.refused("export --from-result huber --to petab -o q").contains("--loss"));
     assert!(!desk.path("q").exists());
 }

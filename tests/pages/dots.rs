@@ -1,9 +1,6 @@
 //! The dot of a derivative is seen: an equation without it reads wrong.
 
-use crate::browser::browser;
-use crate::pixels::Pixels;
-use std::fs;
-use std::process::Command;
+use crate::window::{PAPERS, seen};
 use support::Desk;
 
 const MODEL: &str = "model two { state phi = 0.2, V; der(phi) = V; der(V) = -phi; output y = phi; }";
@@ -11,23 +8,8 @@ const MODEL: &str = "model two { state phi = 0.2, V; der(phi) = V; der(V) = -phi
 const DOTS: usize = 2;
 /// Pixels for each of the page's own.
 const SCALE: usize = 2;
-
-/// The page in a window, with another style behind its own.
-fn seen(desk: &Desk, name: &str, page: &str, style: &str) -> Pixels {
-    let (file, picture) = (desk.path(&format!("{name}.html")), desk.path(&format!("{name}.png")));
-    fs::write(&file, page.replace("</head>", &format!("<style>{style}</style></head>"))).unwrap();
-    let profile = tempfile::tempdir().unwrap();
-    let output = Command::new(browser())
-        .args(["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--window-size=900,1600"])
-        .arg(format!("--force-device-scale-factor={SCALE}"))
-        .arg(format!("--user-data-dir={}", profile.path().display()))
-        .arg(format!("--screenshot={}", picture.display()))
-        .arg(format!("file://{}", file.display()))
-        .output()
-        .unwrap();
-    assert!(picture.is_file(), "{}", String::from_utf8_lossy(&output.stderr));
-    Pixels::read(&picture)
-}
+/// Width and height of the window, in the page's own pixels.
+const WINDOW: (u32, u32, f32) = (900, 1600, SCALE as f32);
 
 /// How far two colours are apart.
 fn contrast(a: [u8; 3], b: [u8; 3]) -> u32 {
@@ -46,10 +28,10 @@ fn a_derivative_has_a_dot_light_and_dark() {
     desk.good("fit two.fdm --data run.csv -q --report page.html");
     let page = desk.text("page.html");
     assert_eq!(page.matches("<mo class=\"dot\">").count(), DOTS);
-    for (theme, paper) in [("light", [255, 255, 255]), ("dark", [0x14, 0x17, 0x1a])] {
-        let page = page.replacen("<html", &format!("<html data-theme=\"{theme}\""), 1);
-        let with = seen(&desk, theme, &page, "");
-        let without = seen(&desk, &format!("{theme}_without"), &page, "mo.dot { visibility: hidden; }");
+    desk.write("without.html", page.replace("</head>", "<style>mo.dot { visibility: hidden; }</style></head>"));
+    for (theme, paper) in PAPERS {
+        let with = seen(&desk, "page", theme, WINDOW);
+        let without = seen(&desk, "without", theme, WINDOW);
         assert_eq!((with.width, with.height), (without.width, without.height));
         assert_eq!(with.at(1, 1), paper, "{theme}");
         // ink is what is furthest from the paper anywhere

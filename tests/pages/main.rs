@@ -9,3 +9,4 @@ mod kinds;
 mod pictures;
 mod pixels;
 mod report;
+mod window;

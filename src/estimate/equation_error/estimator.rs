@@ -70,6 +70,10 @@ impl RecursiveEstimator {
         let definition = model.definition();
         let runs = completed(definition, runs)?;
         let (_, filters) = sized(definition, &equations, &runs)?;
+        if filters.is_empty() {
+            let names: Vec<String> = (0..equations.equations.len()).map(|k| equations.name(definition, k)).collect();
+            return Err(RegressionError::NoRows { equations: names.join(", ") });
+        }
         let mut weights = vec![0.0; equations.equations.len()];
         filters.iter().flat_map(|f| &f.weights).for_each(|(equation, weight)| weights[*equation] = *weight);
         let steps = runs.iter().flat_map(|run| run.time.windows(2).map(|w| w[1] - w[0]));

@@ -13,6 +13,8 @@ use std::path::Path;
 
 /// All functions of a file behind one: which, what is read, what is written.
 type Call = unsafe extern "C" fn(i32, *const f64, *mut f64) -> i32;
+/// What a compiled estimator answers: the question, numbers that it is given, numbers that it fills.
+type Ask<'a> = dyn Fn(i32, &[f64], &mut [f64]) -> i32 + 'a;
 
 const CALL: &str = "fdm_verified_recursion";
 /// Samples of the record.
@@ -86,7 +88,7 @@ pub(super) fn numbers(model: &Model, folder: &Path) -> Result<Vec<(Numbers, Numb
 }
 
 /// By what the file says that it is weighed.
-fn constants(model: &Model, ask: &dyn Fn(i32, &[f64], &mut [f64]) -> i32) -> Result<RecursiveConstants, VerifyError> {
+fn constants(model: &Model, ask: &Ask<'_>) -> Result<RecursiveConstants, VerifyError> {
     let (layout, definition) = (model.layout(), model.definition());
     let wrong = || VerifyError::Estimator("its sizes are not those of the model".into());
     let mut sizes = [0.0; 6];
