@@ -331,14 +331,14 @@ impl Curve {
         off.abs() > ALIKE.0 * variance.max(0.0).sqrt() && off.abs() > ALIKE.1 * mean.abs()
     }
 
-    /// The neighbours that hold most samples of all that are alike; none where no two are, or where all of them are.
+    /// Of the neighbours that are alike those that hold most samples; none where these are fewer than half of all, or all nodes.
     fn constant(&self, moving: &Moving) -> Option<Constant> {
         let last = self.at.len() - 1;
         let alike = |run: (usize, usize)| (run.0..=run.1).all(|k| !self.differs(run, k, 0.0));
         let runs = (0..last).flat_map(|i| (i + 1..=last).map(move |j| (i, j))).filter(|run| alike(*run));
         let held = |run: &(usize, usize)| (moving.samples(self.at[run.0], self.at[run.1]), run.1 - run.0);
         let run = runs.max_by(|a, b| held(a).cmp(&held(b)).then(b.0.cmp(&a.0)))?;
-        if run == (0, last) {
+        if run == (0, last) || 2 * held(&run).0 < moving.values.len() {
             return None;
         }
         // where the line to the first node that is another one leaves the constant
@@ -415,8 +415,10 @@ mod tests {
         // a twentieth of 1, of 0.5 from node to node
         let to = bent.to.unwrap();
         assert!((3.0..3.15).contains(&to), "{to}");
-        let both = curve(&[3.0, 1.0, 1.0, 1.0, 0.0, -1.0], 0.02).constant(&all).unwrap();
-        assert!((0.95..1.0).contains(&both.from.unwrap()) && (3.0..3.1).contains(&both.to.unwrap()), "{both:?}");
+        let both = curve(&[3.0, 1.0, 1.0, 1.0, 1.0, 0.0], 0.02).constant(&all).unwrap();
+        assert!((0.95..1.0).contains(&both.from.unwrap()) && (4.0..4.1).contains(&both.to.unwrap()), "{both:?}");
+        // two nodes of a ripple that are alike by chance
+        assert_eq!(curve(&[0.0, 1.0, 0.2, 0.21, 1.0, 0.0], 0.02).constant(&all), None);
         assert_eq!(curve(&[0.0, 1.0, 2.0, 3.0], 0.02).constant(&moving(0.0, 3.0)), None);
         assert_eq!(curve(&[1.0, 1.01, 0.99], 0.1).constant(&moving(0.0, 2.0)), None);
         // what few samples have seen decides least

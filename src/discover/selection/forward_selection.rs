@@ -180,6 +180,13 @@ struct Proposed {
     beside: bool,
 }
 
+/// What is recommended when coefficients are tried as tables.
+struct Rival<'a> {
+    written: &'a WrittenModel,
+    /// What it was fitted from.
+    current: &'a FittedModel,
+}
+
 /// What is known when the search ends.
 #[derive(Clone)]
 struct End {
@@ -632,6 +639,7 @@ impl<'a> ForwardSelection<'a> {
         let left = explained.as_ref().is_some_and(ResidualEvidence::repeats);
         let unnamed = |odds: f64| verdict == Verdict::UnknownCause || (left && odds > effects + BELIEVED);
         let law = law.and_then(|(law, odds)| unnamed(odds).then_some(law));
+        let mut curve = None;
         if let Some(law) = law.filter(|_| *self.runs.domain == Domain::Time) {
             (self.progress)("fitting the curve of an unmodelled law");
             if let Ok(law) = law_model(first, &before.theta, &law, (runs, options, goes_on)) {
@@ -643,6 +651,7 @@ impl<'a> ForwardSelection<'a> {
                 told.recommended = verdict == Verdict::UnknownCause && told.objection.is_none();
                 if told.recommended {
                     new.clone_from(&law.written.fitted.response);
+                    curve = Some(law.current);
                     written = Some(law.written);
                 }
                 if front.is_empty() {
@@ -654,7 +663,9 @@ impl<'a> ForwardSelection<'a> {
         if self.may_be_curved(verdict, left) && *self.runs.domain == Domain::Time && (self.goes_on)() {
             (self.progress)("trying coefficients as tables");
             let search = TableSearch { given: first, runs, noise, options, goes_on };
-            let proposed = self.proposed(&problem, &search, &front, written.as_ref().zip(last.as_ref()));
+            let current = last.as_deref().or(curve.as_ref());
+            let rival = written.as_ref().zip(current).map(|(written, current)| Rival { written, current });
+            let proposed = self.proposed(&problem, &search, rival.as_ref());
             if let Some(Proposed { table, model, beside }) = proposed {
                 if model.recommended {
                     front.iter_mut().for_each(|model| model.recommended = false);
@@ -734,8 +745,7 @@ impl<'a> ForwardSelection<'a> {
         &self,
         problem: &FrontProblem<'_>,
         search: &TableSearch<'_>,
-        front: &[FrontModel],
-        recommended: Option<(&WrittenModel, &Arc<FittedModel>)>,
+        rival: Option<&Rival<'_>>,
     ) -> Option<Proposed> {
         let told = |table: &TableModel, beside: bool| {
             let mut model = problem.law(&table.curve);
@@ -747,9 +757,9 @@ impl<'a> ForwardSelection<'a> {
             model.table = Some(table.found.clone());
             model
         };
-        if let Some((written, current)) = recommended
+        if let Some(Rival { written, current }) = rival.filter(|_| !self.accepted.is_empty())
             && let Some(table) = search.best(&written.fitted)
-            && problem.predicts_better(&table.curve, (&**current, &written.fitted))
+            && problem.predicts_better(table.curve.fits(), (current, &written.fitted))
         {
             let mut model = told(&table, true);
             model.recommended = model.objection.is_none();
@@ -757,15 +767,9 @@ impl<'a> ForwardSelection<'a> {
         }
         let table = search.best(search.given)?;
         let mut model = told(&table, false);
-        let error = |m: &FrontModel| m.error_validation.or(m.error_cross_validated).unwrap_or(m.error_training);
-        let rival = front.iter().find(|m| m.recommended);
-        let stands_in = self.accepted.iter().any(|a| a.candidate.effect().class() == Class::StandIn);
-        let better = match (recommended, rival) {
-            // another stand-in: the better one
-            (_, Some(rival)) if recommended.is_none() || stands_in => error(&model) <= error(rival),
-            (Some((written, current)), _) => problem.predicts_better(&table.curve, (&**current, &written.fitted)),
-            _ => true,
-        };
+        let better = rival.is_none_or(|Rival { written, current }| {
+            problem.predicts_better(table.curve.fits(), (current, &written.fitted))
+        });
         if !better && model.objection.is_none() {
             model.objection = Some("what is recommended predicts as well, within one standard error".into());
         }

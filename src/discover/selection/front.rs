@@ -392,11 +392,15 @@ impl FrontProblem<'_> {
     }
 
     /// The same of two written models, each with what it was fitted from.
-    pub(super) fn predicts_better(&self, own: &LawModel, other: (&FittedModel, &FittedModel)) -> bool {
+    pub(super) fn predicts_better(
+        &self,
+        own: (&FittedModel, &FittedModel),
+        other: (&FittedModel, &FittedModel),
+    ) -> bool {
         let of = |(current, written): (&FittedModel, &FittedModel)| {
             self.predicted(current, (written, &written.theta), Thoroughness::Once)
         };
-        let (own, other) = (of((&own.current, &own.written.fitted)), of(other));
+        let (own, other) = (of(own), of(other));
         let (Some(own), Some(other), Some(naive)) = (own, other, self.predicted_as_given()) else { return false };
         self.is_clearly_better(&own, &other, &naive)
     }

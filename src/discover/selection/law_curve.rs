@@ -40,6 +40,13 @@ pub(super) struct LawModel {
     pub(super) written: WrittenModel,
 }
 
+impl LawModel {
+    /// What was fitted from, and what came of it.
+    pub(super) fn fits(&self) -> (&FittedModel, &FittedModel) {
+        (&self.current, &self.written.fitted)
+    }
+}
+
 /// Which ends of a curve are zero.
 #[derive(Debug, Clone, Copy, Default)]
 struct Pinned {
