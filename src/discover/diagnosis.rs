@@ -115,6 +115,36 @@ pub struct FrontModel {
     pub recommended: bool,
     /// Why it cannot be recommended, in words.
     pub objection: Option<String>,
+    /// The coefficient that is a table in it; none where none is.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub table: Option<CoefficientTable>,
+}
+
+/// A coefficient that depends on a signal, as a smooth table in the text.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct CoefficientTable {
+    /// The param that the table takes the place of.
+    pub coefficient: String,
+    /// What it depends on: a state, an input or a `let`.
+    pub signal: String,
+    /// The signal's unit, as it is declared.
+    pub signal_unit: Option<String>,
+    /// From where on the coefficient is constant; none where that is as far as the runs go, or where it is constant nowhere.
+    pub constant_from: Option<f64>,
+    /// And up to where.
+    pub constant_to: Option<f64>,
+    /// Effective number of parameters of the table.
+    pub effective_parameters: f64,
+    /// Gain in log-likelihood on the runs that were fitted, beside the same model with a constant.
+    #[serde(rename = "gain_train")]
+    pub gain_training: f64,
+    /// Gain on the runs that were for validation; none without such runs.
+    #[serde(rename = "gain_holdout")]
+    pub gain_validation: Option<f64>,
+    /// The chance that noise alone makes any coefficient look as bent over any signal as this one.
+    pub p: f64,
+    /// All of that in words.
+    pub sentence: String,
 }
 
 /// How a model of the front matches an output, all runs together.

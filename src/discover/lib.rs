@@ -20,9 +20,9 @@ pub mod screening;
 mod selection;
 
 pub use diagnosis::{
-    Alternative, Biased, Cause, CorrelatedInput, Detectable, Diagnosis, EffectAt, Feedback, FrequencyDomain,
-    FrontModel, FrontOutput, LeftOut, NewValue, OutputGain, Overlay, Rejected, RunGain, Screened, SelectionStep,
-    Verdict,
+    Alternative, Biased, Cause, CoefficientTable, CorrelatedInput, Detectable, Diagnosis, EffectAt, Feedback,
+    FrequencyDomain, FrontModel, FrontOutput, LeftOut, NewValue, OutputGain, Overlay, Rejected, RunGain, Screened,
+    SelectionStep, Verdict,
 };
 pub use disturbance::{
     Attribution, Curve, CurvePoint, Law, Localisation, Ordinate, Origin, Place, PlaceEvidence, PlaceKind, Site,

@@ -236,8 +236,11 @@ fn a_law_without_a_name_is_a_table_in_the_text() {
     let options = DiagnosisOptions::default();
     let found = diagnose(&model, &runs, &validation, &catalogue, &options, &|_| ()).unwrap();
     assert_eq!(found.verdict, Verdict::UnknownCause, "{found:#?}");
-    let law = found.front.last().unwrap();
-    assert!(law.recommended && law.effects[0].effect == "law_curve", "{:#?}", found.front);
+    let law = found.front.iter().find(|model| model.recommended).unwrap();
+    assert!(law.effects[0].effect == "law_curve", "{:#?}", found.front);
+    // the flow's coefficient as a table of the speed is the same curve in another place: no better, so no answer
+    let table = found.front.iter().find(|model| model.table.is_some());
+    assert!(table.is_none_or(|model| model.objection.is_some()), "{:#?}", found.front);
     assert_eq!(law.effects[0].targets.last().unwrap(), "u");
     assert!(law.error_validation.is_some_and(|error| error < 0.2), "{law:#?}");
     // the curve itself, beside the model's own constant and coefficient
@@ -251,4 +254,93 @@ fn a_law_without_a_name_is_a_table_in_the_text() {
     let squares: f64 = validation[0].measured.iter().zip(&y).map(|(z, y)| (z - y).powi(2)).sum();
     let rms = (squares / y.len() as f64).sqrt();
     assert!((rms / printed - 1.0).abs() < 1e-3, "{rms} {printed}");
+}
+
+/// An aeroplane in pitch whose lift bends over at 11 degrees: the model's lift is a straight line.
+#[test]
+fn a_coefficient_that_bends_is_a_smooth_table_in_the_text() {
+    const TEXT: &str = "model wing \"an aeroplane in pitch\" {
+        input elevator [rad];
+        state alpha \"angle of attack\" [rad] = 0.09, q \"pitch rate\" [rad/s];
+        const g = 9.81 [m/s^2], V = 60 [m/s], k = 14 [m/s^2];
+        param CL0 = 0.2 [1], CLa = 4 [1/rad] \"slope of the lift\", Ma = -4 [1/s^2], Mq = -1.5 [1/s], Md = -8 [1/s^2], M0 = 0.3 [1/s^2];
+        let CL = CL0 + CLa*alpha [1];
+        der(alpha) = q + (g - k*CL)/V;
+        der(q) = M0 + Ma*alpha + Mq*q + Md*elevator;
+        output alpha_m [rad] = alpha, q_m [rad/s] = q, az [m/s^2] = -k*CL;
+    }";
+    let bend = 0.192;
+    let lift = move |alpha: f64| 0.25 + 5.0 * alpha.min(bend) + 0.6 * (alpha - bend).max(0.0);
+    let (dt, samples) = (0.05, 500);
+    let run = |number: f64, name: &str| {
+        let elevator = move |t: f64| [0.09 * (0.7 * t + number).sin() + 0.07 * (1.9 * t + 2.0 * number).sin() - 0.02];
+        let states = motion([0.09, 0.0], (samples, dt), |t, [alpha, q]| {
+            let [de] = elevator(t);
+            [q + (9.81 - 14.0 * lift(*alpha)) / 60.0, 0.4 - 5.0 * alpha - 1.8 * q - 9.0 * de]
+        });
+        let shown: Vec<[f64; 3]> = states.iter().map(|[alpha, q]| [*alpha, *q, -14.0 * lift(*alpha)]).collect();
+        let most = states.iter().map(|x| x[0]).fold(f64::MIN, f64::max);
+        println!("{name}: angles of attack up to {most:.3} rad");
+        record(name, dt, (&shown, [0.002, 0.004, 0.1]), elevator)
+    };
+    let (runs, validation) = ([run(1.0, "one"), run(2.0, "two")], [run(3.3, "three")]);
+    let model = Model::from_text("model.fdm", TEXT).unwrap();
+    let names = ["quadratic_damping", "cubic_stiffness", "coulomb_friction", "quadratic_term", "input_delay", "hinge"];
+    let mut catalogue = Catalogue::standard();
+    catalogue.retain(|name| names.contains(&name));
+    let found = diagnose(&model, &runs, &validation, &catalogue, &DiagnosisOptions::default(), &|_| ()).unwrap();
+    let proposed = found.front.iter().find(|m| m.table.is_some()).unwrap_or_else(|| panic!("{found:#?}"));
+    let table = proposed.table.as_ref().unwrap();
+    println!("{}", table.sentence);
+    assert!(proposed.recommended, "{:#?}", found.front);
+    assert_eq!((table.coefficient.as_str(), table.signal.as_str()), ("CLa", "alpha"));
+    assert_eq!(proposed.effects.last().unwrap().to_string(), "coefficient_table(CLa, alpha)");
+    // where it bends, to a node's distance; a sharp bend in good data takes most of the nodes
+    let above = table.constant_to.unwrap();
+    assert!(table.constant_from.is_none() && (above - bend).abs() < 0.03, "{}", table.sentence);
+    assert!((2.0..17.0).contains(&table.effective_parameters), "{}", table.sentence);
+    assert!(table.gain_validation.unwrap() > 10.0 && table.p < 0.01, "{table:#?}");
+    let text = found.extended.as_ref().unwrap();
+    assert!(text.contains("table CLa_curve(alpha [rad])") && text.contains("smooth CLa_curve by order 2;"), "{text}");
+    // the written text, its nodes beside the truth, flies the run that it has not seen
+    let written = Model::from_text("written.fdm", text.as_str()).unwrap();
+    let start = written.definition().start();
+    let mut y = vec![0.0; 3 * samples];
+    Simulator::new(written.dynamics(), &validation[0], 8).unwrap().simulate(&start, &mut y).unwrap();
+    for (o, noise) in [0.002, 0.004, 0.1].into_iter().enumerate() {
+        let cells = validation[0].measured.iter().zip(&y).skip(o).step_by(3);
+        let rms = (cells.map(|(z, y)| (z - y).powi(2)).sum::<f64>() / samples as f64).sqrt();
+        println!("output {o}: {rms:.5} beside a noise of {noise}");
+        assert!(rms < 1.6 * noise, "{o}: {rms}");
+    }
+}
+
+/// The same aeroplane without the bend, pushed as far: nothing is a table.
+#[test]
+fn a_straight_lift_is_no_table() {
+    const TEXT: &str = "model wing { input elevator [rad]; state alpha [rad] = 0.09, q [rad/s];
+        const g = 9.81 [m/s^2], V = 60 [m/s], k = 14 [m/s^2];
+        param CL0 = 0.2 [1], CLa = 4 [1/rad], Ma = -4 [1/s^2], Mq = -1.5 [1/s], Md = -8 [1/s^2], M0 = 0.3 [1/s^2];
+        let CL = CL0 + CLa*alpha [1];
+        der(alpha) = q + (g - k*CL)/V;
+        der(q) = M0 + Ma*alpha + Mq*q + Md*elevator;
+        output alpha_m [rad] = alpha, q_m [rad/s] = q, az [m/s^2] = -k*CL; }";
+    let (dt, samples) = (0.05, 400);
+    let run = |number: f64, name: &str| {
+        let elevator = move |t: f64| [0.09 * (0.7 * t + number).sin() + 0.07 * (1.9 * t + 2.0 * number).sin() - 0.02];
+        let states = motion([0.09, 0.0], (samples, dt), |t, [alpha, q]| {
+            let [de] = elevator(t);
+            [q + (9.81 - 14.0 * (0.25 + 5.0 * alpha)) / 60.0, 0.4 - 5.0 * alpha - 1.8 * q - 9.0 * de]
+        });
+        let shown: Vec<[f64; 3]> = states.iter().map(|[alpha, q]| [*alpha, *q, -14.0 * (0.25 + 5.0 * alpha)]).collect();
+        record(name, dt, (&shown, [0.002, 0.004, 0.1]), elevator)
+    };
+    let (runs, validation) = ([run(1.0, "one"), run(2.0, "two")], [run(3.3, "three")]);
+    let names = ["quadratic_damping", "cubic_stiffness", "coulomb_friction", "quadratic_term", "input_delay", "hinge"];
+    let mut catalogue = Catalogue::standard();
+    catalogue.retain(|name| names.contains(&name));
+    let model = Model::from_text("model.fdm", TEXT).unwrap();
+    let found = diagnose(&model, &runs, &validation, &catalogue, &DiagnosisOptions::default(), &|_| ()).unwrap();
+    assert_eq!(found.verdict, Verdict::NoEffectFound, "{found:#?}");
+    assert!(found.front.iter().all(|m| m.table.is_none()) && found.extended.is_none());
 }

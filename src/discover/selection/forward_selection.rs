@@ -3,6 +3,7 @@
 use super::acceptance::{cause, objection, rejected, separating};
 use super::assessment::{ResidualRecords, against, beyond_noise, biased, output_gains, overlays, run_gains};
 use super::candidate_model::CandidateModel;
+use super::coefficient_table::{TableModel, TableSearch};
 use super::comparison::Comparison;
 use super::elimination::{Accepted, eliminate, one_law, revise};
 use super::error::DiagnosisError;
@@ -18,7 +19,8 @@ use super::predictor::responses;
 use super::runs::{DiagnosisOptions, Domain, GoesOn, Progress, Runs, apart, prepared, thinned};
 use super::significance::confirmed;
 use super::whitening::CommonNoise;
-use crate::diagnosis::{Cause, Diagnosis, EffectAt, LeftOut, Rejected, SelectionStep, Verdict};
+use super::written_model::WrittenModel;
+use crate::diagnosis::{Cause, Diagnosis, EffectAt, FrontModel, LeftOut, Rejected, SelectionStep, Verdict};
 use crate::disturbance::{Attribution, BELIEVED, Origin, ResidualEvidence};
 use fdm_estimate::changed;
 use fdm_grammar::effect::{Candidate, Catalogue, Choice, Subject};
@@ -168,6 +170,21 @@ struct Reached {
     first: Arc<FittedModel>,
     current: Arc<FittedModel>,
     end: End,
+}
+
+/// A table of a coefficient for the front.
+struct Proposed {
+    table: TableModel,
+    model: FrontModel,
+    /// Whether it stands in the recommended model beside its effects, and not in the model as it was given.
+    beside: bool,
+}
+
+/// What is recommended when coefficients are tried as tables.
+struct Rival<'a> {
+    written: &'a WrittenModel,
+    /// What it was fitted from.
+    current: &'a FittedModel,
 }
 
 /// What is known when the search ends.
@@ -596,15 +613,16 @@ impl<'a> ForwardSelection<'a> {
         let mut attribution =
             evidence.as_ref().map(|h| against(&first.model, h, explained.as_ref().map(|e| (e, cost))));
         let mut verdict = self.verdict(attribution.as_ref(), end.family_wise, confirmed);
-        let slow = match verdict {
+        let mut told = match verdict {
             Verdict::NoEffectFound if !end.stopped => self.beyond_noise(first, noise),
             _ => Vec::new(),
         };
-        if !slow.is_empty() {
+        if !told.is_empty() {
             verdict = Verdict::UnknownCause;
-            attribution.iter_mut().for_each(|a| a.warnings.extend(slow.iter().cloned()));
+            if let Some(attribution) = &mut attribution {
+                attribution.warnings.append(&mut told);
+            }
         }
-        let has_attribution = attribution.is_some();
         let overruled = match verdict {
             Verdict::Disturbance => Some("a disturbance (process noise) explains more"),
             Verdict::UnknownCause => Some("one function of a state or input, the same in every run, explains more"),
@@ -621,6 +639,7 @@ impl<'a> ForwardSelection<'a> {
         let left = explained.as_ref().is_some_and(ResidualEvidence::repeats);
         let unnamed = |odds: f64| verdict == Verdict::UnknownCause || (left && odds > effects + BELIEVED);
         let law = law.and_then(|(law, odds)| unnamed(odds).then_some(law));
+        let mut curve = None;
         if let Some(law) = law.filter(|_| *self.runs.domain == Domain::Time) {
             (self.progress)("fitting the curve of an unmodelled law");
             if let Ok(law) = law_model(first, &before.theta, &law, (runs, options, goes_on)) {
@@ -632,12 +651,40 @@ impl<'a> ForwardSelection<'a> {
                 told.recommended = verdict == Verdict::UnknownCause && told.objection.is_none();
                 if told.recommended {
                     new.clone_from(&law.written.fitted.response);
+                    curve = Some(law.current);
                     written = Some(law.written);
                 }
                 if front.is_empty() {
                     front.push(problem.given());
                 }
                 front.push(told);
+            }
+        }
+        if self.may_be_curved(verdict, left) && *self.runs.domain == Domain::Time && (self.goes_on)() {
+            (self.progress)("trying coefficients as tables");
+            let search = TableSearch { given: first, runs, noise, options, goes_on };
+            let current = last.as_deref().or(curve.as_ref());
+            let rival = written.as_ref().zip(current).map(|(written, current)| Rival { written, current });
+            let proposed = self.proposed(&problem, &search, rival.as_ref());
+            if let Some(Proposed { table, model, beside }) = proposed {
+                if model.recommended {
+                    front.iter_mut().for_each(|model| model.recommended = false);
+                    if !beside {
+                        self.withdraw("a coefficient that depends on a signal explains more");
+                        (verdict, last) = (Verdict::UnknownCause, None);
+                    }
+                    let sentences = model.table.iter().map(|t| t.sentence.clone());
+                    match &mut attribution {
+                        Some(attribution) => attribution.warnings.extend(sentences),
+                        None => told.extend(sentences),
+                    }
+                    new.clone_from(&table.curve.written.fitted.response);
+                    written = Some(table.curve.written);
+                }
+                if front.is_empty() {
+                    front.push(problem.given());
+                }
+                front.push(model);
             }
         }
         // as a plain fit of the model has them, and as a simulation of what is written
@@ -676,10 +723,58 @@ impl<'a> ForwardSelection<'a> {
             places: evidence.map(|h| h.places),
             suggestions,
             feedback,
-            notes: if has_attribution { Vec::new() } else { slow },
+            notes: told,
             spectral: first.spectral(),
         };
         Ok(diagnosis)
+    }
+
+    /// Whether a coefficient may be a curve: something repeats that no effect explains, or what explains it may stand for a curve.
+    fn may_be_curved(&self, verdict: Verdict, left: bool) -> bool {
+        let stands_in = || self.accepted.iter().any(|a| a.candidate.effect().class() == Class::StandIn);
+        match verdict {
+            Verdict::UnknownCause => true,
+            Verdict::EffectFound => left || stands_in() || !one_law(&self.accepted).is_empty(),
+            Verdict::Disturbance | Verdict::NoEffectFound => false,
+        }
+    }
+
+    /// The likeliest table of a coefficient: in the recommended model beside its effects where that predicts better, else in the model as it was
+    /// given. It is recommended where nothing else is, or where it predicts better than what is.
+    fn proposed(
+        &self,
+        problem: &FrontProblem<'_>,
+        search: &TableSearch<'_>,
+        rival: Option<&Rival<'_>>,
+    ) -> Option<Proposed> {
+        let told = |table: &TableModel, beside: bool| {
+            let mut model = problem.law(&table.curve);
+            if beside {
+                let own = self.accepted.iter().map(|a| a.cause.place.clone());
+                model.effects.splice(0..0, own);
+                model.parameters += self.accepted.iter().map(Accepted::cost).sum::<usize>();
+            }
+            model.table = Some(table.found.clone());
+            model
+        };
+        if let Some(Rival { written, current }) = rival.filter(|_| !self.accepted.is_empty())
+            && let Some(table) = search.best(&written.fitted)
+            && problem.predicts_better(table.curve.fits(), (current, &written.fitted))
+        {
+            let mut model = told(&table, true);
+            model.recommended = model.objection.is_none();
+            return Some(Proposed { table, model, beside: true });
+        }
+        let table = search.best(search.given)?;
+        let mut model = told(&table, false);
+        let better = rival.is_none_or(|Rival { written, current }| {
+            problem.predicts_better(table.curve.fits(), (current, &written.fitted))
+        });
+        if !better && model.objection.is_none() {
+            model.objection = Some("what is recommended predicts as well, within one standard error".into());
+        }
+        model.recommended = model.objection.is_none();
+        Some(Proposed { table, model, beside: false })
     }
 
     /// Outputs of which the model as it was given leaves more than their noise, in sentences; none in the frequency domain, where no mean is

@@ -379,12 +379,30 @@ impl FrontProblem<'_> {
     /// likelier, penalties included.
     fn is_better_physics(&self, stand_in: &Level, other: &Level, naive: &Predicted) -> bool {
         let (Some(own), Some(others)) = (&stand_in.predicted, &other.predicted) else { return false };
-        let predicts = match self.advantage(own, others, naive) {
+        self.is_clearly_better(own, others, naive) && stand_in.total() < other.total()
+    }
+
+    /// Whether a prediction with a stand-in is better than one without by more than one standard error of the difference.
+    fn is_clearly_better(&self, own: &Predicted, others: &Predicted, naive: &Predicted) -> bool {
+        match self.advantage(own, others, naive) {
             Some(gained) => gained.reduction > gained.error.max(USELESS),
             // too little is independent to tell
             None => self.relative(own, naive) < self.relative(others, naive),
+        }
+    }
+
+    /// The same of two written models, each with what it was fitted from.
+    pub(super) fn predicts_better(
+        &self,
+        own: (&FittedModel, &FittedModel),
+        other: (&FittedModel, &FittedModel),
+    ) -> bool {
+        let of = |(current, written): (&FittedModel, &FittedModel)| {
+            self.predicted(current, (written, &written.theta), Thoroughness::Once)
         };
-        predicts && stand_in.total() < other.total()
+        let (own, other) = (of(own), of(other));
+        let (Some(own), Some(other), Some(naive)) = (own, other, self.predicted_as_given()) else { return false };
+        self.is_clearly_better(&own, &other, &naive)
     }
 
     /// Whether a smaller model predicts as well as the best one.
@@ -596,6 +614,7 @@ impl FrontProblem<'_> {
             error_cross_validated: predicted.map(f64::sqrt),
             recommended,
             objection,
+            table: None,
         }
     }
 

@@ -130,6 +130,20 @@ pub(super) fn plain_fit(
     if thoroughness == Thoroughness::Near {
         return near_fit(current, theta, runs).ok_or_else(|| "it has no response".into());
     }
+    plain_fit_told(current, theta, runs, (options, goes_on), thoroughness).map(|(fitted, _)| fitted)
+}
+
+/// The same as `fit` would, with what it tells of the training runs.
+///
+/// # Errors
+/// Why there is none, in words.
+pub(super) fn plain_fit_told(
+    current: &FittedModel,
+    theta: &[Vec<f64>],
+    runs: Runs<'_>,
+    (options, goes_on): (&DiagnosisOptions, &GoesOn<'_>),
+    thoroughness: Thoroughness,
+) -> Result<(FittedModel, Estimate), String> {
     let mut params = current.params().to_vec();
     for (param, value) in params.iter_mut().zip(theta.iter().flatten()).filter(|(p, _)| !p.fixed && !p.per_run) {
         param.value = value.clamp(param.lower, param.upper);
@@ -148,7 +162,8 @@ pub(super) fn plain_fit(
     if !best.estimate.termination.is_good() {
         return Err(best.estimate.termination.to_string());
     }
-    with_validation_runs(best, runs, (&how, goes_on)).map_err(|e| e.to_string())
+    let fitted = with_validation_runs(best, runs, (&how, goes_on)).map_err(|e| e.to_string())?;
+    Ok((fitted, best.estimate.clone()))
 }
 
 /// An extended model by output error from values that are near its estimates; none where it has no response there.

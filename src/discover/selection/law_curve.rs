@@ -40,6 +40,13 @@ pub(super) struct LawModel {
     pub(super) written: WrittenModel,
 }
 
+impl LawModel {
+    /// What was fitted from, and what came of it.
+    pub(super) fn fits(&self) -> (&FittedModel, &FittedModel) {
+        (&self.current, &self.written.fitted)
+    }
+}
+
 /// Which ends of a curve are zero.
 #[derive(Debug, Clone, Copy, Default)]
 struct Pinned {
@@ -191,12 +198,7 @@ fn with_table(
     let (over, own) = (unit(over.map(|u| u.text())), unit(constant.unit.as_ref().map(|u| u.text())));
     let argument: String = variable.chars().map(|c| if c.is_alphanumeric() { c } else { '_' }).collect();
     let (low, high) = (points[0], points[points.len() - 1]);
-    let step = (high.at - low.at) / (points.len() - 1) as f64;
-    let digits = ((low.at.abs().max(high.at.abs()) / step).log10().ceil() as i32 + BEYOND).clamp(3, 15) as usize;
-    let number = |v: f64, digits: usize| {
-        let short: f64 = format!("{v:.*e}", digits - 1).parse().unwrap_or(v);
-        if short == 0.0 { "0".to_string() } else { short.to_string() }
-    };
+    let digits = digits_of_axis(&points.iter().map(|p| p.at).collect::<Vec<f64>>());
     // what the ends lack, the model's own constant and coefficient make up for
     let (level, slope) = match (pinned.first, pinned.last) {
         (false, false) => (0.0, 0.0),
@@ -230,6 +232,19 @@ fn with_table(
     Ok((text, nodes))
 }
 
+/// Digits that tell even nodes apart, and a little more.
+pub(super) fn digits_of_axis(at: &[f64]) -> usize {
+    let (low, high) = (at.first().copied().unwrap_or(0.0), at.last().copied().unwrap_or(0.0));
+    let step = (high - low) / at.len().saturating_sub(1).max(1) as f64;
+    ((low.abs().max(high.abs()) / step).log10().ceil() as i32 + BEYOND).clamp(3, 15) as usize
+}
+
+/// A number in a text.
+pub(super) fn number(v: f64, digits: usize) -> String {
+    let short: f64 = format!("{v:.*e}", digits - 1).parse().unwrap_or(v);
+    if short == 0.0 { "0".to_string() } else { short.to_string() }
+}
+
 /// A text in which a word stands as another.
 fn called_by(text: &str, word: &str, other: &str) -> String {
     let part = |c: char| c.is_alphanumeric() || c == '_' || c == '.';
@@ -246,7 +261,7 @@ fn called_by(text: &str, word: &str, other: &str) -> String {
 }
 
 /// A text with the files that the model was compiled with.
-fn with_text(subject: &Subject, text: String) -> Source {
+pub(super) fn with_text(subject: &Subject, text: String) -> Source {
     let base = subject.source();
     let mut source = Source::new(base.name(), text).with_groups(base.groups().clone());
     fdm_grammar::gather(&mut source, &mut |name| {

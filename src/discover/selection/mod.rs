@@ -7,12 +7,15 @@
 //! `extended_model` (an effect in the text) -> `directions` (what it adds to the responses) -> `forward_step` (all of them
 //! screened) -> `shortlist` -> `candidate_model` (fitted jointly by one noise: `whitening`, `projection`, `fitting`, `newton`) ->
 //! `comparison` -> `significance` -> `acceptance` -> `look_ahead` (with which to go on) -> `elimination` -> `front` (plain errors by number of effects:
-//! `written_model`) -> `assessment`, `law_curve` (a law without a name, as a table in the text).
+//! `written_model`) -> `assessment`, `law_curve` (a law without a name, as a table in the text), `coefficient_table` (a coefficient as one:
+//! `coefficient_text`).
 
 mod acceptance;
 mod assessment;
 mod best_subsets;
 mod candidate_model;
+mod coefficient_table;
+mod coefficient_text;
 mod comparison;
 mod directions;
 mod elimination;

@@ -59,7 +59,7 @@ pub(super) fn written_model(
     (runs, options, goes_on): (Runs<'_>, &DiagnosisOptions, &GoesOn<'_>),
     thoroughness: Thoroughness,
 ) -> Result<WrittenModel, String> {
-    let joint = at(current, theta, naive, runs);
+    let joint = at_values(current, theta, naive, runs);
     let best = match runs.domain {
         Domain::Frequency(_) => joint,
         Domain::Time => match plain_fit(current, theta, runs, (options, goes_on), thoroughness) {
@@ -67,7 +67,7 @@ pub(super) fn written_model(
             Err(_) if !goes_on() => joint,
             Err(why) => return Err(format!("a plain fit of the written model fails: {why}")),
             Ok(plain) => {
-                let plain = at(current, &plain.theta, naive, runs);
+                let plain = at_values(current, &plain.theta, naive, runs);
                 match (plain, joint) {
                     (Some(plain), Some(joint)) => Some(if joint.ratio() < plain.ratio() { joint } else { plain }),
                     (plain, joint) => plain.or(joint),
@@ -79,7 +79,12 @@ pub(super) fn written_model(
 }
 
 /// The model with these values in its text, to the digits that are written; none where it has no response.
-fn at(current: &FittedModel, theta: &[Vec<f64>], naive: &[Signals], runs: Runs<'_>) -> Option<WrittenModel> {
+pub(super) fn at_values(
+    current: &FittedModel,
+    theta: &[Vec<f64>],
+    naive: &[Signals],
+    runs: Runs<'_>,
+) -> Option<WrittenModel> {
     let short = |v: f64| format!("{v:.*e}", DIGITS - 1).parse().unwrap_or(v);
     let params = current.params();
     let shared: Vec<f64> = params

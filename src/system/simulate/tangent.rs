@@ -34,8 +34,8 @@ pub(super) struct TangentPlan {
     /// The rows and entries of all shapes, one after the other.
     rows: Vec<TileRow>,
     entries: Vec<Entry>,
-    /// For each tile and each of its rows whether f_theta can be other than zero there.
-    forced: Vec<bool>,
+    /// For each tile and each of its rows the vectors in which f_theta can be other than zero, a bit each.
+    forced: Vec<u32>,
 }
 
 /// Neighbouring columns of S.
@@ -113,18 +113,20 @@ impl TangentPlan {
             let states_of = |vectors: usize| -> Vec<u32> {
                 (0..layout.states as u32).filter(|i| any(&reached, *i, vectors)).collect()
             };
-            // as many in each of the tiles that are left
-            let even = |most: usize| run.div_ceil(run.div_ceil(most));
-            let mut vectors = even(VECTORS);
+            let mut vectors = run.min(VECTORS);
             let mut states = states_of(vectors);
             let mut tile = self.shape(layout, &mut states, &mut shapes);
-            if tile.ring > MANY && even(VECTORS_OF_MANY) < vectors {
-                vectors = even(VECTORS_OF_MANY);
+            if tile.ring > MANY && VECTORS_OF_MANY < vectors {
+                vectors = VECTORS_OF_MANY;
                 states = states_of(vectors);
                 tile = self.shape(layout, &mut states, &mut shapes);
             }
             self.tiles.push(Tile { first, vectors, forced: self.forced.len(), ..tile });
-            self.forced.extend(states.iter().map(|i| any(&forced, *i, vectors)));
+            let own = |i: &u32| -> u32 {
+                let row = &forced[*i as usize * across + first..][..vectors];
+                row.iter().enumerate().map(|(v, forced)| u32::from(*forced) << v).sum()
+            };
+            self.forced.extend(states.iter().map(own));
             first += vectors;
         }
     }
@@ -423,7 +425,8 @@ impl<S: Simd> Tangent<'_, S> {
             while first < end {
                 first += match end - first {
                     1 => self.tile::<1>(tile, first, s, scratch),
-                    2..4 => self.tile::<2>(tile, first, s, scratch),
+                    2 => self.tile::<2>(tile, first, s, scratch),
+                    3 => self.tile::<3>(tile, first, s, scratch),
                     4..8 => self.tile::<4>(tile, first, s, scratch),
                     _ => self.tile::<8>(tile, first, s, scratch),
                 };
@@ -439,6 +442,7 @@ impl<S: Simd> Tangent<'_, S> {
         let rows = &plan.rows[tile.rows.clone()];
         let forced = &plan.forced[tile.forced..][..rows.len()];
         let (n, lag) = (rows.len(), tile.lag);
+        let behind = first / (VECTOR / S::F64_LANES) - tile.first;
         let s = S::as_mut_simd_f64s(s).0;
         let scratch = S::as_mut_simd_f64s(scratch).0.as_chunks_mut::<L>().0;
         let (start, rest) = scratch.split_at_mut(tile.ring);
@@ -459,25 +463,25 @@ impl<S: Simd> Tangent<'_, S> {
             }
             if at < n {
                 let (row, slot) = (&rows[at], rows[at].slot as usize);
-                let k = self.slope::<L>(0, row, forced[at], first, start);
+                let k = self.slope::<L>(0, row, forced[at] >> behind, first, start);
                 one[slot] = axpy(simd, half, k, start[slot]);
                 sum[slot] = axpy(simd, sixth, k, start[slot]);
             }
             if at >= lag && at - lag < n {
                 let (row, slot) = (&rows[at - lag], rows[at - lag].slot as usize);
-                let k = self.slope::<L>(1, row, forced[at - lag], first, one);
+                let k = self.slope::<L>(1, row, forced[at - lag] >> behind, first, one);
                 two[slot] = axpy(simd, half, k, start[slot]);
                 sum[slot] = axpy(simd, third, k, sum[slot]);
             }
             if at >= 2 * lag && at - 2 * lag < n {
                 let (row, slot) = (&rows[at - 2 * lag], rows[at - 2 * lag].slot as usize);
-                let k = self.slope::<L>(2, row, forced[at - 2 * lag], first, two);
+                let k = self.slope::<L>(2, row, forced[at - 2 * lag] >> behind, first, two);
                 three[slot] = axpy(simd, whole, k, start[slot]);
                 sum[slot] = axpy(simd, third, k, sum[slot]);
             }
             if at >= 3 * lag {
                 let (row, slot) = (&rows[at - 3 * lag], rows[at - 3 * lag].slot as usize);
-                let k = self.slope::<L>(3, row, forced[at - 3 * lag], first, three);
+                let k = self.slope::<L>(3, row, forced[at - 3 * lag] >> behind, first, three);
                 store(s, row.state as usize * width + first, axpy(simd, sixth, k, sum[slot]));
             }
         }
@@ -490,17 +494,22 @@ impl<S: Simd> Tangent<'_, S> {
         self,
         stage: usize,
         row: &TileRow,
-        forced: bool,
+        forced: u32,
         first: usize,
         x: &[[S::f64s; L]],
     ) -> [S::f64s; L] {
         let partials = &self.partials[stage * self.plan.width..][..self.plan.width];
         let zero = self.simd.splat_f64s(0.0);
         let mut k = [zero; L];
-        if forced {
+        if forced != 0 {
             let width = self.plan.lanes / S::F64_LANES;
-            let forcing = S::as_simd_f64s(&partials[self.plan.forcing..]).0;
-            k = load(forcing, row.state as usize * width + first, zero);
+            let forcing = &S::as_simd_f64s(&partials[self.plan.forcing..]).0[row.state as usize * width + first..][..L];
+            // a row of f_theta is longer than what of it is not zero: the rest is not fetched
+            for l in 0..L {
+                if forced >> (l / (VECTOR / S::F64_LANES)) & 1 != 0 {
+                    k[l] = forcing[l];
+                }
+            }
         }
         for entry in &self.plan.entries[row.entries.start as usize..row.entries.end as usize] {
             k = axpy(self.simd, self.simd.splat_f64s(partials[entry.at as usize]), x[entry.slot as usize], k);
