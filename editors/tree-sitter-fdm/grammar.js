@@ -130,7 +130,7 @@ module.exports = grammar({
     point: ($) => seq($.expression, ':', choice($.expression, seq('free', optional($.expression)))),
 
     use: ($) =>
-      seq('use', field('path', choice($.string, $.identifier)), 'as', field('name', $.identifier), optional($.connections), ';'),
+      seq('use', optional('fmu'), field('path', choice($.string, $.identifier)), 'as', field('name', $.identifier), optional($.connections), ';'),
     connections: ($) => seq('(', optional(list($.connection)), ')'),
     connection: ($) => seq(field('name', $.identifier), '=', $.expression),
 

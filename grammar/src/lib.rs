@@ -11,6 +11,7 @@ pub mod effect;
 pub mod emit;
 pub mod expand;
 pub mod explain;
+pub mod external;
 pub mod forced;
 pub mod format;
 pub mod graph;

@@ -45,6 +45,8 @@ pub enum Form {
     Function,
     /// `if c then a else b`.
     Choice,
+    /// Not at all: made for functions of foreign code ([`crate::external`]).
+    External,
 }
 
 /// Everything that is known about one operation.
@@ -201,6 +203,23 @@ ops! {
         tangent |_b, _x, _y, _d| None;
     Select Choice "if" 3 value |a, b, c| math::select(a, b, c), complex |a, b, c| if a.re != 0.0 { b } else { c },
         tangent |b, x, _y, d| choice(b, x[0], d[1], d[2]);
+    // functions of foreign code: lists have no value, and calls are computed by whoever holds all arguments
+    List External "list" 2 value |_a, _b, _c| f64::NAN, complex |_a, _b, _c| f64::NAN.into(),
+        tangent |b, _x, _y, d| list_of_tangents(b, d[0], d[1]);
+    External External "external" 2 value |_a, _b, _c| f64::NAN, complex |_a, _b, _c| f64::NAN.into(),
+        tangent |b, x, _y, d| d[1].map(|along| b.apply(Op::ExternalSlope, &[x[0], x[1], along]));
+    ExternalSlope External "external_slope" 3 value |_a, _b, _c| f64::NAN, complex |_a, _b, _c| f64::NAN.into(),
+        tangent |b, x, _y, d| {
+            let bent = d[1].map(|along| {
+                let both = b.apply(Op::List, &[along, x[2]]);
+                b.apply(Op::ExternalCurvature, &[x[0], x[1], both])
+            });
+            let turned = d[2].map(|along| b.apply(Op::ExternalSlope, &[x[0], x[1], along]));
+            sum(b, bent, turned)
+        };
+    // nothing asks for third derivatives; whoever does is to see it
+    ExternalCurvature External "external_curvature" 3 value |_a, _b, _c| f64::NAN, complex |_a, _b, _c| f64::NAN.into(),
+        tangent |b, _x, _y, d| (d[1].is_some() || d[2].is_some()).then(|| b.number(f64::NAN));
 }
 
 impl Op {
@@ -225,6 +244,11 @@ impl Op {
         matches!(self, Op::Sqrt | Op::Log | Op::Log10 | Op::Pow | Op::Hypot | Op::Asin | Op::Acos | Op::Atan2)
     }
 
+    /// Whether it is a function of foreign code, or a derivative of one.
+    pub fn is_external(self) -> bool {
+        matches!(self, Op::External | Op::ExternalSlope | Op::ExternalCurvature)
+    }
+
     /// The function with this name, among those that users can call.
     pub fn function(name: &str) -> Option<Op> {
         ROWS.iter().find(|r| r.form == Form::Function && r.name == name).map(|r| r.op)
@@ -236,6 +260,15 @@ fn sum(b: &mut dyn Build, p: Option<ExprId>, q: Option<ExprId>) -> Option<ExprId
         (Some(p), Some(q)) => Some(b.apply(Op::Add, &[p, q])),
         (one, None) | (None, one) => one,
     }
+}
+
+/// Zeros in front of a list may be left out, so that nothing is the number 0.
+fn list_of_tangents(b: &mut dyn Build, before: Option<ExprId>, last: Option<ExprId>) -> Option<ExprId> {
+    if before.is_none() && last.is_none() {
+        return None;
+    }
+    let zero = b.number(0.0);
+    Some(b.apply(Op::List, &[before.unwrap_or(zero), last.unwrap_or(zero)]))
 }
 
 fn times(b: &mut dyn Build, d: Option<ExprId>, factor: ExprId) -> Option<ExprId> {

@@ -208,7 +208,7 @@ mod tests {
         let instructions = instructions.iter().map(|(op, args)| Instruction { op: *op, args: *args }).collect();
         let placed = |(slot, operand): (usize, &Operand)| Placed { slot: slot as u32, operand: *operand };
         let (results, width) = (results.iter().enumerate().map(placed).collect(), results.len());
-        body(&Program { constants: constants.to_vec(), instructions, results, width }).to_string()
+        body(&Program { constants: constants.to_vec(), instructions, calls: Vec::new(), results, width }).to_string()
     }
 
     #[test]
@@ -230,7 +230,7 @@ mod tests {
 
     #[test]
     fn every_operation_of_the_table_is_rust() {
-        for row in fdm_grammar::op::ROWS {
+        for row in fdm_grammar::op::ROWS.iter().filter(|row| row.form != fdm_grammar::op::Form::External) {
             let text = printed(&[], &[(row.op, [Operand::State(0), Operand::State(1), Operand::Time])], &[]);
             let block: syn::Block = syn::parse_str(&format!("{{ {text} }}")).expect(row.name);
             assert_eq!(block.stmts.len(), 1, "{}", row.name);

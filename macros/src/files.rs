@@ -7,6 +7,11 @@ use std::path::PathBuf;
 pub(crate) fn gather(source: &mut Source) {
     let folder = PathBuf::from(std::env::var_os("CARGO_MANIFEST_DIR").unwrap_or_default());
     fdm_grammar::gather(source, &mut |name| {
+        if fdm_grammar::expand::is_unit(name) {
+            return Err("`model!` writes what it compiles into the program, and a unit brings code of its own; read the model by \
+                `Model::from_file`"
+                .into());
+        }
         std::fs::read_to_string(folder.join(name)).map_err(|e| match e.kind() {
             std::io::ErrorKind::NotFound => "there is no such file in the folder of Cargo.toml".into(),
             _ => e.to_string(),

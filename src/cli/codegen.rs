@@ -1,6 +1,7 @@
 //! `fdm codegen`: the model as stand-alone C or Rust.
 
 use crate::deliver::write;
+use crate::export::without_units;
 use crate::failure::{Ending, Failure, OrFailure, ended, print_data};
 use crate::load::{Estimated, ModelFile};
 use crate::ownership::Overwriting;
@@ -41,6 +42,7 @@ enum Lang {
 pub(crate) fn run(arguments: &Arguments) -> Ending {
     let language = arguments.language()?;
     let model = arguments.model.load_changed(&arguments.estimated)?;
+    without_units(&model)?;
     let text = stand_alone(model.definition(), model.schedule(), &language).or_failure()?;
     let Some(path) = arguments.out.as_deref().filter(|path| *path != Path::new("-")) else {
         return ended(print_data(&text));

@@ -152,6 +152,13 @@ pub(crate) fn with_values(
     Ok((subject.changed(&found)?, errors))
 }
 
+/// Refuses a model that foreign code has a part in.
+pub(crate) fn without_units(model: &Model) -> Result<(), Failure> {
+    const SAID: &str = "the model uses a functional mock-up unit (`use fmu`), whose code goes into no file of ours; \
+        `fdm export --to control` writes its matrices";
+    if model.holds_foreign_code() { Err(Failure::input([SAID])) } else { Ok(()) }
+}
+
 pub(crate) fn run(arguments: &Arguments) -> Ending {
     arguments.recursive.refuse(arguments.to)?;
     let file = arguments.output.as_deref().filter(|path| *path != Path::new("-"));
@@ -162,6 +169,10 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         return problem::run(&arguments.model, folder);
     }
     let (model, errors) = with_values(&arguments.model, arguments.like.as_deref())?;
+    // matrices are numbers; everything else would have to bring the code
+    if arguments.to != To::Control {
+        without_units(&model)?;
+    }
     let text = match arguments.to {
         To::Fmu => {
             let Some(path) = file else {

@@ -75,9 +75,13 @@ impl Failure {
                 other => remark(format_args!("error: {other}")),
             },
             Self::Records(errors) => errors.iter().for_each(|e| remark(format_args!("error: {e}"))),
-            Self::Input(reasons) => reasons.iter().for_each(|r| remark(format_args!("error: {}", with_files(r)))),
+            Self::Input(reasons) => {
+                reasons.iter().for_each(|r| remark(format_args!("error: {}", with_files(r))));
+                tell_foreign();
+            }
             Self::Numbers(said) => {
                 remark(format_args!("error: {said}"));
+                tell_foreign();
                 return ExitCode::from(NUMBERS);
             }
             Self::Strict => {
@@ -132,7 +136,15 @@ pub(crate) fn at(path: &Path, error: &std::io::Error) -> String {
 
 /// Ends with 0 when all is good, with 1 otherwise.
 pub(crate) fn ended(good: bool) -> Ending {
+    if !good {
+        tell_foreign();
+    }
     Ok(if good { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
+}
+
+/// What units of the model said of numbers that they could not give.
+fn tell_foreign() {
+    fdm_grammar::external::complaints().iter().for_each(|said| remark(format_args!("note: {said}")));
 }
 
 /// The name that was probably meant, to stand behind a message; empty when none is near.

@@ -32,6 +32,7 @@ pub(crate) fn run(subject: &ModelOrResult, folder: &Path) -> Ending {
         return Err(Failure::input([format!("{}: exists already, and is not overwritten", folder.display())]));
     }
     let (model, result) = subject.load()?;
+    crate::export::without_units(&model)?;
     let Some(result) = result else { return Err(Failure::input([Unsuited::NoRuns])) };
     if !subject.set.is_empty() {
         return Err(Failure::input(["--set: a problem holds the values of its result, at which its noise was found"]));

@@ -351,6 +351,8 @@ fn operation(op: Op, [a, b, c]: &[Markup; 3]) -> Markup {
         Op::LessEqual => html! { le { (a) (b) } },
         Op::Equal => html! { eq { (a) (b) } },
         Op::Select => html! { ifthen { (a) (b) (c) } },
+        // models with foreign code are refused before
+        Op::List | Op::External | Op::ExternalSlope | Op::ExternalCurvature => html! { value { "NaN" } },
     }
 }
 

@@ -269,6 +269,8 @@ impl<'a> Sbml<'a> {
             Op::Min => choice(&list[0], apply("leq", &list), &list[1]),
             Op::Max => choice(&list[0], apply("geq", &list), &list[1]),
             Op::Select => choice(&list[1], self.condition(args[0], made), &list[2]),
+            // models with foreign code are refused before
+            Op::List | Op::External | Op::ExternalSlope | Op::ExternalCurvature => "<notanumber/>".into(),
             Op::Less | Op::LessEqual | Op::Equal => {
                 let sign = [(Op::Less, "lt"), (Op::LessEqual, "leq"), (Op::Equal, "eq")];
                 let sign = sign.iter().find(|(own, _)| *own == op).map_or("eq", |(_, sign)| sign);

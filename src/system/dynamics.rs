@@ -91,6 +91,14 @@ pub trait Dynamics: Send + Sync {
     /// Where the model has events, f_t (n). Structural zeros are not written: `out` must hold zeros there.
     fn rates_by_time(&self, _at: Point<'_>, _out: &mut [f64], _work: &mut Workspace) {}
 
+    /// Loads the foreign code that programs call, and tries it.
+    ///
+    /// # Errors
+    /// Why nothing can be computed.
+    fn ready(&self) -> Result<(), String> {
+        Ok(())
+    }
+
     /// The states after one Runge-Kutta step (n).
     fn step(&self, step: Step<'_>, next: &mut [f64], work: &mut Workspace) {
         by_stages(self, step, next, work);

@@ -20,6 +20,10 @@ use std::sync::Arc;
 /// Larger files are surely not models.
 const MOST_BYTES: u64 = 64 << 20;
 
+/// A unit brings libraries and data.
+#[cfg(feature = "units")]
+const MOST_UNIT_BYTES: u64 = 1 << 30;
+
 /// A checked and compiled model; clones share the compiled code.
 #[derive(Clone)]
 pub struct Model {
@@ -94,7 +98,10 @@ impl Model {
     /// Reads the files that a model uses from disk; names are relative to the folder of the file that says `use`.
     pub fn gather_files(source: &mut Source) {
         fdm_grammar::gather(source, &mut |name| {
-            let bytes = read(Path::new(name)).map_err(|e| reason(&e))?;
+            if fdm_grammar::expand::is_unit(name) {
+                return read_unit(name);
+            }
+            let bytes = read(Path::new(name), MOST_BYTES).map_err(|e| reason(&e))?;
             let text = String::from_utf8(bytes).map_err(|_| "it is not UTF-8 text")?;
             Ok(text.strip_prefix('\u{feff}').map_or_else(|| text.clone(), String::from))
         });
@@ -116,7 +123,20 @@ impl Model {
     /// # Errors
     /// [`ModelError::Invalid`] with every mistake of the texts.
     pub fn from_texts(name: impl Into<String>, text: impl Into<String>, used: &[String]) -> Result<Self, ModelError> {
-        Self::from_source(with_used(Source::new(name, text), used))
+        Self::from_source(with_used(Source::new(name, text), used, None))
+    }
+
+    /// The same, where the model came from a file that may still be there: a functional mock-up unit is not kept, and is looked for beside it.
+    ///
+    /// # Errors
+    /// [`ModelError::Invalid`] with every mistake of the texts.
+    pub fn from_kept(
+        name: impl Into<String>,
+        text: impl Into<String>,
+        used: &[String],
+        origin: &Path,
+    ) -> Result<Self, ModelError> {
+        Self::from_source(with_used(Source::new(name, text), used, Some(origin)))
     }
 
     /// Compiles a source with the files that it uses ([`Self::gather_files`]).
@@ -139,7 +159,7 @@ impl Model {
     /// When the text does not compile. `model!` has compiled the same text, so this is a fault of fdm.
     #[doc(hidden)]
     pub fn with_code(name: &str, text: &str, used: &[&str], build: fn(Layout) -> Box<dyn Dynamics>) -> Self {
-        let source = with_used(Source::new(name, text), used);
+        let source = with_used(Source::new(name, text), used, None);
         let compiled = match fdm_grammar::compile(&source) {
             Ok(compiled) => compiled,
             Err(diagnostics) => panic!(
@@ -328,6 +348,13 @@ impl Model {
         &*self.dynamics
     }
 
+    /// Whether foreign code has a part in the model (`use fmu "engine.fmu" as eng(...)`): no generated source and no other tool can
+    /// compute it.
+    pub fn holds_foreign_code(&self) -> bool {
+        let s = &self.compiled.schedule;
+        [&s.prepare, &s.rates, &s.outputs, &s.events].into_iter().any(|program| !program.calls.is_empty())
+    }
+
     /// Findings that did not stop the compilation.
     pub fn warnings(&self) -> &[Diagnostic] {
         &self.compiled.warnings
@@ -345,18 +372,68 @@ impl std::fmt::Debug for Model {
 /// # Errors
 /// [`ModelError::Unreadable`] as [`Model::from_file`]; [`ModelError::Invalid`] when it is not UTF-8 text.
 pub fn read_source(path: &Path) -> Result<Source, ModelError> {
-    let bytes = read(path).map_err(|e| ModelError::Unreadable { path: path.into(), reason: reason(&e) })?;
+    let bytes = read(path, MOST_BYTES).map_err(|e| ModelError::Unreadable { path: path.into(), reason: reason(&e) })?;
     let name = path.display().to_string();
     String::from_utf8(bytes).map(|text| Source::new(&name, text)).map_err(|error| not_text(name, error))
 }
 
 /// Adds texts in the order in which they are asked for, which is always the same.
-fn with_used(mut source: Source, used: &[impl AsRef<str>]) -> Source {
+fn with_used(mut source: Source, used: &[impl AsRef<str>], origin: Option<&Path>) -> Source {
     let mut used = used.iter();
-    fdm_grammar::gather_kept(&mut source, &mut |_| {
-        used.next().map(|text| text.as_ref().to_string()).ok_or_else(|| "its text was not kept".into())
+    let folder = Path::new(source.name()).parent().unwrap_or(Path::new("")).to_path_buf();
+    let beside = origin.map(|path| path.parent().unwrap_or(Path::new("")));
+    fdm_grammar::gather_kept(&mut source, &mut |name| {
+        let text = used.next().map(|text| text.as_ref().to_string()).ok_or("its text was not kept")?;
+        if fdm_grammar::expand::is_unit(name) {
+            let there = beside.zip(Path::new(name).strip_prefix(&folder).ok()).map(|(beside, own)| beside.join(own));
+            remember_unit(&[Some(PathBuf::from(name)), there].into_iter().flatten().collect::<Vec<_>>(), &text)?;
+        }
+        Ok(text)
     });
     source
+}
+
+/// The text that stands for a unit, whose functions are known from then on.
+#[cfg(feature = "units")]
+fn read_unit(name: &str) -> Result<String, String> {
+    /// File, length, time of the last change, and the text that it gave last: editors compile with every key.
+    type Read = (String, u64, std::time::SystemTime, String);
+    static LAST: std::sync::Mutex<Vec<Read>> = std::sync::Mutex::new(Vec::new());
+    let stamp = std::fs::metadata(name).and_then(|m| Ok((m.len(), m.modified()?))).ok();
+    let mut last = LAST.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+    if let Some(known) = last.iter().find(|known| known.0 == name && Some((known.1, known.2)) == stamp) {
+        return Ok(known.3.clone());
+    }
+    let bytes = read(Path::new(name), MOST_UNIT_BYTES).map_err(|e| reason(&e))?;
+    let text = fdm_units::read(name, &bytes).map_err(|e| e.to_string())?;
+    last.retain(|known| known.0 != name);
+    last.extend(stamp.map(|(length, changed)| (name.to_string(), length, changed, text.clone())));
+    Ok(text)
+}
+
+/// Makes the functions known that a kept text calls: the unit itself is not kept, and must be where it was.
+#[cfg(feature = "units")]
+fn remember_unit(places: &[PathBuf], text: &str) -> Result<(), String> {
+    let mut said = "it is another unit than when this was written".to_string();
+    for place in places {
+        if fdm_units::is_known(text) {
+            break;
+        }
+        if let Err(reason) = read_unit(&place.display().to_string()) {
+            said = format!("a unit is not kept with a result, and at {} {reason}", place.display());
+        }
+    }
+    if fdm_units::is_known(text) { Ok(()) } else { Err(said) }
+}
+
+#[cfg(not(feature = "units"))]
+fn read_unit(_: &str) -> Result<String, String> {
+    Err("fdm was built without the feature `units`".into())
+}
+
+#[cfg(not(feature = "units"))]
+fn remember_unit(_: &[PathBuf], _: &str) -> Result<(), String> {
+    read_unit("").map(drop)
 }
 
 fn reason(error: &std::io::Error) -> String {
@@ -366,7 +443,7 @@ fn reason(error: &std::io::Error) -> String {
     }
 }
 
-fn read(path: &Path) -> std::io::Result<Vec<u8>> {
+fn read(path: &Path, most: u64) -> std::io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     if is_named_pipe(path) {
         return Err(std::io::Error::other("is a named pipe, from which reading may wait for ever, not a file"));
@@ -376,9 +453,9 @@ fn read(path: &Path) -> std::io::Result<Vec<u8>> {
     if file.metadata()?.is_dir() {
         return Err(std::io::Error::other("is a directory, not a file"));
     }
-    file.take(MOST_BYTES + 1).read_to_end(&mut bytes)?;
-    if bytes.len() as u64 > MOST_BYTES {
-        return Err(std::io::Error::other(format!("is larger than the limit of {} MiB", MOST_BYTES >> 20)));
+    file.take(most + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > most {
+        return Err(std::io::Error::other(format!("is larger than the limit of {} MiB", most >> 20)));
     }
     Ok(bytes)
 }

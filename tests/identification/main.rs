@@ -33,4 +33,5 @@ mod strategies;
 mod surfaces;
 mod tables;
 mod trex550;
+mod units;
 mod verdicts;

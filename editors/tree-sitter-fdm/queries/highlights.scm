@@ -5,7 +5,7 @@
 (index) @number
 
 [
-  "model" "time" "prior" "noise" "trim" "tie" "table" "smooth" "requirement" "limit" "when" "by" "order" "from" "use" "as" "reactions"
+  "model" "time" "prior" "noise" "trim" "tie" "table" "smooth" "requirement" "limit" "when" "by" "order" "from" "use" "fmu" "as" "reactions"
   "effect" "nuisance" "param" "add" "replace" "with" "try" "unless" "when"
 ] @keyword
 (role) @keyword

@@ -362,6 +362,11 @@ fn binary(graph: &mut Graph, sign: BinarySign, a: ExprId, b: ExprId) -> ExprId {
 }
 
 fn call(graph: &mut Graph, function: Function, args: &[ExprId]) -> ExprId {
+    if let Function::External(number) = function {
+        let (number, nothing) = (graph.number(f64::from(number)), graph.number(0.0));
+        let list = args.iter().fold(nothing, |list, e| graph.apply(Op::List, &[list, *e]));
+        return graph.apply(Op::External, &[number, list]);
+    }
     const DEGREE: f64 = std::f64::consts::PI / 180.0;
     match function {
         Function::Op(op) if args.len() > op.row().arity => {
@@ -388,6 +393,6 @@ fn call(graph: &mut Graph, function: Function, args: &[ExprId]) -> ExprId {
             graph.apply(Op::Mul, &[k, args[0]])
         }
         // delays and records are leaves of the graph, derivatives stand on left sides
-        Function::Delay | Function::Der | Function::Measured | Function::Initial => args[0],
+        Function::Delay | Function::Der | Function::Measured | Function::Initial | Function::External(_) => args[0],
     }
 }

@@ -1,5 +1,6 @@
 //! The functions that users can call: those of the operation table and those that stand for several operations.
 
+use crate::external;
 use crate::op::{Form, Op, ROWS};
 
 /// A function.
@@ -23,6 +24,8 @@ pub(super) enum Function {
     Measured,
     /// `initial(x)`: the value when a run begins
     Initial,
+    /// A function of foreign code, by its number: only texts that are made for a unit call it.
+    External(u32),
 }
 
 /// The functions that are no row of the operation table.
@@ -75,7 +78,9 @@ impl Function {
     /// The function with this name.
     pub(super) fn find(name: &str) -> Option<Self> {
         let composed = COMPOSED.iter().find(|(n, _)| *n == name).map(|(_, f)| *f);
-        composed.or_else(|| Op::function(name).map(Function::Op))
+        composed
+            .or_else(|| Op::function(name).map(Function::Op))
+            .or_else(|| external::find(name).map(Function::External))
     }
 
     /// Least number of arguments, and whether more are allowed.
@@ -86,6 +91,9 @@ impl Function {
             Self::Clip => (3, false),
             Self::Deadzone | Self::Delay => (2, false),
             Self::DegToRad | Self::RadToDeg | Self::Der | Self::Measured | Self::Initial => (1, false),
+            Self::External(number) => {
+                (external::Function::numbered(f64::from(number)).map_or(0, |f| f.code.arguments()), false)
+            }
         }
     }
 
@@ -99,6 +107,7 @@ impl Function {
             Self::Deadzone => "x, width",
             Self::Delay => "x, tau",
             Self::Measured => "y",
+            Self::External(_) => "...",
             _ => "x",
         };
         format!("{name}({arguments})")

@@ -5,6 +5,7 @@ use super::order::Blocks;
 use super::records;
 use super::tables;
 use crate::diagnostic::{Code, Diagnostic, Label};
+use crate::external;
 use crate::source::Span;
 use crate::syntax::{Declaration, Expr, ExprRef, Name, Role, StatementKind, SyntaxTree, Table, word_use};
 use crate::unit::Unit;
@@ -370,6 +371,10 @@ fn unknown_function(scope: &Scope<'_>, name: &Name) -> Diagnostic {
     if functions::BLOCKS.contains(&text.as_str()) {
         // made states everywhere but here
         return finding.hint("a block stands in an expression of a model");
+    }
+    if text.starts_with(external::PREFIX) {
+        return finding
+            .hint("the unit that computes it is not where it was when the text was made, or is another one now");
     }
     if scope.find(text).is_some() {
         return finding.hint(format!("a product is written with a sign: `{text}*(...)`"));

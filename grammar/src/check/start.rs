@@ -6,7 +6,7 @@ use super::kinds::{Kinds, Level};
 use super::knowledge::Known;
 use super::names::Scope;
 use crate::diagnostic::{Code, Diagnostic};
-use crate::graph::{Graph, Leaf, Node, Signal};
+use crate::graph::{Graph, Leaf, Node, Signal, above_calls};
 use crate::op::ExprId;
 use crate::source::Span;
 use crate::syntax::{Role, Size, Value};
@@ -68,7 +68,9 @@ fn at_start(
     let graph = &expressions.graph;
     let values = values(graph, start);
     // a start value that is missing or infinite has been told
-    let untold = graph.depends(|leaf| matches!(leaf, Leaf::Param(k) if !start[k as usize].is_finite()));
+    let mut untold = graph.depends(|leaf| matches!(leaf, Leaf::Param(k) if !start[k as usize].is_finite()));
+    // and what foreign code says is not asked here
+    untold.iter_mut().zip(above_calls(graph)).for_each(|(untold, foreign)| *untold |= foreign);
     let declared = scope.valid().filter_map(|(s, symbol)| {
         let Some(Value::Expr(root)) = symbol.declaration.value else { return None };
         match symbol.role {

@@ -254,6 +254,10 @@ impl Pass<'_, '_, '_> {
     }
 
     fn call(&mut self, function: Function, name: &str, arguments: &[ExprRef], e: ExprRef) -> Measure {
+        if let Function::External(_) = function {
+            // units are those of the declarations around the call
+            return Measure::Number;
+        }
         let first = self.of(arguments[0]);
         let what = || format!("the arguments of `{name}`");
         match function {
@@ -285,7 +289,7 @@ impl Pass<'_, '_, '_> {
                 Some(time) => self.measures.joined(first, time, true).unwrap_or_else(|OutOfRange| self.out_of_range(e)),
                 None => first,
             },
-            Function::Measured => self.of(e),
+            Function::Measured | Function::External(_) => self.of(e),
         }
     }
 

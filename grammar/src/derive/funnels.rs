@@ -7,7 +7,7 @@
 
 use super::sweep::{Column, Forward, product, sum};
 use crate::graph::{Graph, Leaf, Node};
-use crate::op::{Build, ExprId, Op};
+use crate::op::{Build, ExprId, Form, Op};
 use std::collections::BTreeMap;
 
 /// No node: ways part before the roots, or end in one.
@@ -38,7 +38,8 @@ impl Funnels {
             let users = sweep.users.of(k as u32);
             let chooses = |u: &u32| match graph.node(ExprId(*u)) {
                 Node::Apply(Op::Pow, [_, exponent, _]) => graph.constant(exponent).is_none_or(|e| e < 1.0),
-                Node::Apply(op, _) => op.chooses() || op.is_steep(),
+                // the derivative by a list is no number
+                Node::Apply(op, _) => op.chooses() || op.is_steep() || op.row().form == Form::External,
                 _ => false,
             };
             funnels.chosen[k] = users.iter().any(|u| funnels.chosen[*u as usize] || chooses(u));

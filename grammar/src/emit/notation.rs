@@ -34,6 +34,7 @@ pub(super) fn function(op: Op) -> &'static str {
         Op::LessEqual => "less_equal",
         Op::Equal => "equal",
         Op::Select => "select",
+        _ if op.is_external() => op.row().name,
         _ => {
             debug_assert_eq!(op.row().form, Form::Function, "{} has no name", op.row().name);
             op.row().name
@@ -51,6 +52,11 @@ pub fn statements(
 ) -> Vec<String> {
     let line = |k: usize| {
         let Instruction { op, args } = program.instructions[k];
+        if let Some((function, operands)) = program.call(k) {
+            // for readers: nothing that is compiled calls foreign code
+            let operands: Vec<String> = operands.iter().map(|o| operand(notation, program, *o, place)).collect();
+            return notation.define(k, &notation.call(&format!("{function:?}"), &operands));
+        }
         let operands = args.map(|o| operand(notation, program, o, place));
         notation.define(k, &notation.apply(op, &operands))
     };

@@ -4,7 +4,7 @@ use super::identifier::{c_string, comment, distinct, plain};
 use super::notation::CNotation;
 use super::pieces::Pieces;
 use super::*;
-use crate::op::{Op, ROWS};
+use crate::op::{Form, Op, ROWS};
 use crate::schedule::{Instruction, Operand, Placed, Program};
 use crate::{Source, compile};
 
@@ -34,7 +34,7 @@ fn numbers_come_back_with_the_same_bits() {
 #[test]
 fn every_operation_is_written_in_both_languages() {
     let operands = ["a", "b", "c"].map(String::from);
-    for row in ROWS {
+    for row in ROWS.iter().filter(|row| row.form != Form::External) {
         let (rust, c) = (RUST.apply(row.op, &operands), C.apply(row.op, &operands));
         for text in [&rust, &c] {
             let all = operands[..row.arity].iter().all(|o| text.contains(o.as_str()));
@@ -63,7 +63,13 @@ fn program(length: u32) -> Program {
     };
     let results = [(0, Value(length - 1)), (1, Value(0)), (2, State(1))];
     let results = results.map(|(slot, operand)| Placed { slot, operand }).to_vec();
-    Program { constants: Vec::new(), instructions: (0..length).map(instruction).collect(), results, width: 3 }
+    Program {
+        constants: Vec::new(),
+        calls: Vec::new(),
+        instructions: (0..length).map(instruction).collect(),
+        results,
+        width: 3,
+    }
 }
 
 /// Runs pieces as a compiler would: values of other pieces are seen through the places alone.

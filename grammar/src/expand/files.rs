@@ -70,6 +70,11 @@ pub(super) fn name_of(from: &str, path: &Name) -> String {
     plain(&folder.join(file))
 }
 
+/// Whether a used file is a functional mock-up unit; its text is then what stands for it.
+pub fn is_unit(name: &str) -> bool {
+    Path::new(name).extension().is_some_and(|ending| ending.eq_ignore_ascii_case("fmu"))
+}
+
 /// The text of that name.
 pub(super) fn find(source: &Source, name: &str) -> Option<usize> {
     source.find(name).or_else(|| (plain(Path::new(source.name())) == name).then_some(0))

@@ -22,7 +22,7 @@ mod transfer;
 pub use arrays::{MOST_ELEMENTS, MOST_INVERTED};
 pub use budget::MOST_NODES;
 pub use elements::Elements;
-pub use files::{MOST_FILES, gather, gather_kept};
+pub use files::{MOST_FILES, gather, gather_kept, is_unit};
 pub(crate) use groups::write_out;
 pub use groups::{membership, of_group};
 pub use library::library;

@@ -4,11 +4,13 @@
 //! **Never** recurses, and never iterates over its hash map: ids depend only on the order of construction.
 //! **Start** at [`Graph`]; the few local simplifications are in `simplify.rs`, printing in `show.rs`.
 
+mod calls;
 mod memo;
 mod rebuild;
 mod show;
 mod simplify;
 
+pub(crate) use calls::{above_calls, call, elements};
 pub use rebuild::Reference;
 pub use show::{Names, show};
 
@@ -157,6 +159,7 @@ impl Graph {
         let mut values = vec![f64::NAN; e.index() + 1];
         for k in self.reachable([e]) {
             values[k.index()] = match self.node(k) {
+                Node::Apply(op, args) if op.is_external() => self.called(op, args, &values),
                 Node::Constant(bits) => f64::from_bits(bits),
                 Node::Leaf(l) => leaf(l),
                 Node::Apply(op, args) => {
@@ -166,6 +169,17 @@ impl Graph {
             };
         }
         values[e.index()]
+    }
+
+    /// A function of foreign code, from the values of the nodes before it.
+    fn called(&self, op: Op, args: Args, values: &[f64]) -> f64 {
+        let Some((function, lists)) = call(self, op, args) else { return f64::NAN };
+        let n = function.code.arguments();
+        let mut operands = vec![0.0; n * lists.len()];
+        for (list, own) in lists.iter().zip(operands.chunks_mut(n.max(1))) {
+            own.iter_mut().rev().zip(elements(self, *list)).for_each(|(o, e)| *o = values[e.index()]);
+        }
+        function.compute(op, &operands)
     }
 
     fn intern(&mut self, node: Node) -> ExprId {

@@ -1,5 +1,6 @@
 //! Prints expressions in the language's own notation.
 
+use super::calls::{call as call_of, elements};
 use super::{Graph, Leaf, Node};
 use crate::op::{ExprId, Form, Op};
 
@@ -115,6 +116,7 @@ fn apply(graph: &Graph, e: ExprId, op: Op, parts: &mut Vec<Part>) {
             parts.extend([text("if "), Part::Expr(*condition, RELATION), text(" then "), Part::Expr(*a, RELATION)]);
             parts.extend([text(" else "), Part::Expr(*b, RELATION)]);
         }
+        (Form::External, _) if op.is_external() => call(graph, e, op, parts),
         _ => {
             parts.push(Part::Text(format!("{}(", row.name)));
             for (k, a) in operands.iter().enumerate() {
@@ -124,6 +126,21 @@ fn apply(graph: &Graph, e: ExprId, op: Op, parts: &mut Vec<Part>) {
             parts.push(text(")"));
         }
     }
+}
+
+/// A function of foreign code: its name, its arguments, behind a bar the direction of a derivative.
+fn call(graph: &Graph, e: ExprId, op: Op, parts: &mut Vec<Part>) {
+    let Node::Apply(_, args) = graph.node(e) else { return };
+    let Some((function, lists)) = call_of(graph, op, args) else { return };
+    parts.push(Part::Text(format!("{function:?}(")));
+    for (k, list) in lists.into_iter().enumerate() {
+        parts.extend((k > 0).then(|| Part::Text(" | ".into())));
+        for (k, element) in elements(graph, list).into_iter().rev().enumerate() {
+            parts.extend((k > 0).then(|| Part::Text(", ".into())));
+            parts.push(Part::Expr(element, 0));
+        }
+    }
+    parts.push(Part::Text(")".into()));
 }
 
 /// The factors of a product, each once with its number: numbers first, then in their order; products in it are part of it.

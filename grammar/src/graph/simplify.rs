@@ -3,8 +3,9 @@
 //! Refused: expanding or factoring sums (changes rounding and may swell), `x/x = 1` (hides a division by zero).
 //! Accepted knowingly: `0*x = 0`; a structural zero must stay one, and a NaN in x is seen through x itself.
 
+use super::calls::{call, elements};
 use super::{Graph, Node};
-use crate::op::{Build, ExprId, Op};
+use crate::op::{Build, ExprId, Form, Op};
 
 /// Greatest integer exponent that is written out as products.
 const LONGEST_PRODUCT: f64 = 64.0;
@@ -43,11 +44,46 @@ pub(super) fn simplify(g: &mut Graph, op: Op, args: &[ExprId]) -> Option<ExprId>
                 _ => None,
             },
         },
+        Op::List if is(g, a, 0.0) && is(g, b, 0.0) => Some(a),
+        Op::ExternalSlope | Op::ExternalCurvature => along(g, op, args),
         _ => None,
     }
 }
 
+/// The derivative of a function of foreign code along directions without the arguments that it does not depend on, which is a
+/// structural zero where nothing is left of one.
+fn along(g: &mut Graph, op: Op, args: &[ExprId]) -> Option<ExprId> {
+    let (function, lists) = call(g, op, [args[0], args[1], args[2]])?;
+    let last = function.code.arguments();
+    let (mut changed, mut directions) = (false, Vec::new());
+    for list in &lists[1..] {
+        let mut rest = g.number(0.0);
+        for (k, e) in elements(g, *list).into_iter().enumerate().rev() {
+            let matters = function.code.depends(function.function, last.checked_sub(k + 1)?);
+            changed |= !matters && !is(g, e, 0.0);
+            let e = if matters { e } else { g.number(0.0) };
+            rest = g.apply(Op::List, &[rest, e]);
+        }
+        if is(g, rest, 0.0) {
+            return Some(rest);
+        }
+        directions.push(rest);
+    }
+    if !changed {
+        return None;
+    }
+    let direction = match directions[..] {
+        [first, second] => g.apply(Op::List, &[first, second]),
+        _ => directions[0],
+    };
+    Some(g.apply(op, &[args[0], args[1], direction]))
+}
+
 fn folded(g: &Graph, op: Op, args: &[ExprId]) -> Option<f64> {
+    if op.row().form == Form::External {
+        // foreign code is not run while a model is compiled
+        return None;
+    }
     let mut values = [0.0; 3];
     for (v, a) in values.iter_mut().zip(args) {
         *v = g.constant(*a)?;

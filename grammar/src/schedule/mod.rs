@@ -13,12 +13,12 @@ mod program;
 pub use affine::Affine;
 pub(crate) use affine::affine_nodes;
 pub use layout::{EventRow, Layout, Patterns, StageRow};
-pub use program::{Instruction, Operand, Placed, Program};
+pub use program::{Call, Instruction, Operand, Placed, Program};
 
 use crate::derive::{Derivatives, Jacobian, Swollen, differentiate, differentiate_within};
 use crate::graph::{Graph, Leaf, Node};
 use crate::model::{Model, Origin};
-use crate::op::ExprId;
+use crate::op::{ExprId, Op};
 pub(crate) use program::straight_line;
 
 /// The programs of a model; the last three are empty where there are no events.
@@ -180,11 +180,13 @@ fn known(model: &Model, d: &Derivatives, bodies: &[ExprId]) -> (Vec<ExprId>, Lay
     let limits_by_param = append(&mut d.limits.entries.iter().copied());
 
     let varies = graph.depends(|leaf| !matches!(leaf, Leaf::Param(_)));
-    let is_known = |e: ExprId| !varies[e.index()] && graph.constant(e).is_none();
+    // a list is no number: its elements are known one by one
+    let is_list = |e: ExprId| matches!(graph.node(e), Node::Apply(Op::List, _));
+    let is_known = |e: ExprId| !varies[e.index()] && graph.constant(e).is_none() && !is_list(e);
     let mut wanted = vec![false; graph.nodes().len()];
     bodies.iter().for_each(|r| wanted[r.index()] = true);
     for k in (0..wanted.len()).rev() {
-        if wanted[k] && varies[k] {
+        if wanted[k] && (varies[k] || is_list(ExprId(k as u32))) {
             graph.operands(ExprId(k as u32)).iter().for_each(|a| wanted[a.index()] = true);
         }
     }

@@ -523,10 +523,11 @@ impl<'a> Build<'a> {
 
     /// What follows the word `use`.
     fn submodel(&mut self, parts: Pairs<Rule>) -> Option<Use> {
-        let (mut path, mut alias) = (None, None);
+        let (mut path, mut alias, mut foreign) = (None, None, false);
         let mut connections = Vec::new();
         for part in parts {
             match part.as_rule() {
+                Rule::word_fmu => foreign = true,
                 Rule::doc => path = Some(word(&part, self.offset, 1)),
                 Rule::name if path.is_none() => path = Some(word(&part, self.offset, 0)),
                 Rule::name => alias = Some(word(&part, self.offset, 0)),
@@ -537,7 +538,7 @@ impl<'a> Build<'a> {
                 _ => {}
             }
         }
-        Some(Use { path: path?, alias: alias?, connections })
+        Some(Use { path: path?, alias: alias?, connections, foreign })
     }
 
     fn declaration(&mut self, pair: Pair<Rule>) -> Option<Declaration> {

@@ -169,11 +169,12 @@ impl<'a> Printer<'a> {
                 format!("reactions{volume} {{ {} }}", parts.join(" "))
             }
             StatementKind::Use(submodel) => {
-                let Use { path, alias, connections } = submodel;
+                let Use { path, alias, connections, foreign } = submodel;
                 let parts: Vec<_> =
                     connections.iter().map(|(n, e)| format!("{} = {}", n.text, self.expression(*e))).collect();
                 let connections = if parts.is_empty() { String::new() } else { format!("({})", parts.join(", ")) };
-                format!("use \"{}\" as {}{connections};", path.text, alias.text)
+                let word = if *foreign { "fmu " } else { "" };
+                format!("use {word}\"{}\" as {}{connections};", path.text, alias.text)
             }
         }
     }

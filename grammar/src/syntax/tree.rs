@@ -446,6 +446,8 @@ pub struct Use {
     pub alias: Name,
     /// What stands for its inputs and params.
     pub connections: Vec<(Name, ExprRef)>,
+    /// Whether it is a functional mock-up unit: `use fmu "engine.fmu" as eng(...);`.
+    pub foreign: bool,
 }
 
 /// `A + 2*B -> C : k*A*B;`, `X <-> Y : kf*X, kr*Y;`

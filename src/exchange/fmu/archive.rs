@@ -3,17 +3,16 @@
 use super::description::{description, identifier};
 use super::resources::Resources;
 use super::variables::{Kind, Variables};
-use super::version::Version;
 use crate::Stamp;
 use fdm_grammar::graph::Signal;
 use fdm_system::Model;
 use fdm_system::dynamics::Workspace;
+use fdm_units::{DESCRIPTION, Files, Version, library_name};
 use flate2::Compression;
-use flate2::read::DeflateDecoder;
 use flate2::write::DeflateEncoder;
-use rawzip::{CompressionMethod, ZipArchive, ZipArchiveWriter};
+use rawzip::{CompressionMethod, ZipArchiveWriter};
 use std::collections::BTreeMap;
-use std::io::{Read, Write};
+use std::io::Write;
 
 /// Why there is no unit.
 #[derive(Debug, thiserror::Error)]
@@ -31,9 +30,6 @@ pub enum FmuError {
     #[error("the resources: {0}")]
     Resources(#[from] serde_json::Error),
 }
-
-/// Files: names and contents.
-pub type Files = Vec<(String, Vec<u8>)>;
 
 /// What goes into a unit.
 #[derive(Debug, Clone, Copy)]
@@ -67,34 +63,7 @@ pub fn write(contents: &Contents<'_>) -> Result<Vec<u8>, FmuError> {
 
 /// Where a unit of a model has its library for this kind of machine.
 pub(crate) fn library_path(version: Version, model: &Model) -> String {
-    format!("binaries/{}/{}.{ENDING}", folder(version), identifier(model))
-}
-
-/// The description's name.
-pub(crate) const DESCRIPTION: &str = "modelDescription.xml";
-
-/// The ending of libraries.
-const ENDING: &str = if cfg!(windows) {
-    "dll"
-} else if cfg!(target_os = "macos") {
-    "dylib"
-} else {
-    "so"
-};
-
-/// The folder of libraries for this kind of machine, as the standard calls it.
-fn folder(version: Version) -> String {
-    let system = if cfg!(windows) {
-        ("win", "windows")
-    } else if cfg!(target_os = "macos") {
-        ("darwin", "darwin")
-    } else {
-        ("linux", "linux")
-    };
-    match version {
-        Version::Two => format!("{}{}", system.0, usize::BITS),
-        Version::Three => format!("{}-{}", std::env::consts::ARCH, system.1),
-    }
+    library_name(version, &identifier(model))
 }
 
 /// Refuses what a unit could not compute.
@@ -151,36 +120,4 @@ fn packed(files: &Files) -> Result<Vec<u8>, FmuError> {
         entry.finish(described)?;
     }
     Ok(archive.finish()?)
-}
-
-/// Most bytes of one file in a unit.
-const MOST_BYTES: u64 = 1 << 30;
-
-/// The files of a unit: names and contents.
-pub(crate) fn unpacked(bytes: &[u8]) -> Result<Files, FmuError> {
-    let archive = ZipArchive::from_slice(bytes)?;
-    let mut files = Files::new();
-    for entry in archive.entries() {
-        let entry = entry?;
-        if entry.is_dir() {
-            continue;
-        }
-        let name = entry.file_path().try_normalize()?.as_ref().to_string();
-        let (method, place) = (entry.compression_method(), archive.get_entry(entry.wayfinder())?);
-        let mut contents = Vec::new();
-        match method {
-            CompressionMethod::STORE => contents.extend_from_slice(place.data()),
-            CompressionMethod::DEFLATE => {
-                let reader = place.verifying_reader(DeflateDecoder::new(place.data()));
-                reader.take(MOST_BYTES).read_to_end(&mut contents)?;
-            }
-            _ => {
-                return Err(FmuError::Unsuited(format!(
-                    "`{name}` in the archive is packed in another way than stored or deflated"
-                )));
-            }
-        }
-        files.push((name, contents));
-    }
-    Ok(files)
 }

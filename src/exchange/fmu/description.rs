@@ -3,13 +3,13 @@
 use super::archive::Contents;
 use super::instance::TOLERANCE;
 use super::variables::{Kind, Variable, Variables};
-use super::version::Version;
 use crate::Stamp;
 use crate::xml::lines;
 use fdm_grammar::Unit;
 use fdm_grammar::graph::Leaf;
 use fdm_grammar::op::ExprId;
 use fdm_system::Model;
+use fdm_units::Version;
 use maud::{Markup, html};
 use std::collections::BTreeSet;
 

@@ -14,11 +14,11 @@ mod tangent;
 #[cfg(test)]
 mod tests;
 mod variables;
-mod version;
 
-pub use archive::{Contents, Files, FmuError, write};
-pub(crate) use archive::{DESCRIPTION, library_path, unpacked};
+pub(crate) use archive::library_path;
+pub use archive::{Contents, FmuError, write};
+pub(crate) use fdm_units::{DESCRIPTION, unpacked};
+pub use fdm_units::{Files, Version};
 pub use instance::{Events, Instance, Refused, Snapshot};
 pub use resources::{Resources, ResourcesError};
 pub use variables::{Kind, Variable, Variables};
-pub use version::Version;

@@ -1,7 +1,7 @@
 //! Why a file is not compared ([`VerifyError`]).
 
 use crate::Stamp;
-use crate::fmu::FmuError;
+use fdm_units::UnitError;
 
 /// Why there is no comparison.
 #[derive(Debug, thiserror::Error)]
@@ -11,7 +11,7 @@ pub enum VerifyError {
     Kind(String),
     /// A unit that cannot be opened.
     #[error(transparent)]
-    Unit(#[from] FmuError),
+    Unit(#[from] UnitError),
     /// The file is not text.
     #[error("is not UTF-8 text")]
     Text,

@@ -58,7 +58,9 @@ fn written(what: &str, operands: &[usize]) -> String {
         Some(Form::Infix) => format!("{} {what} {}", of(0), of(1)),
         Some(Form::Prefix) => format!("{what}{}", of(0)),
         Some(Form::Choice) => format!("if {} then {} else {}", of(0), of(1), of(2)),
-        Some(Form::Function) => format!("{what}({})", (0..operands.len()).map(of).collect::<Vec<_>>().join(", ")),
+        Some(Form::Function | Form::External) => {
+            format!("{what}({})", (0..operands.len()).map(of).collect::<Vec<_>>().join(", "))
+        }
         None => what.to_string(),
     }
 }

@@ -300,7 +300,8 @@ impl ResultFolder {
         // names of used files are relative to the model's: one of them may be `model.fdm` itself
         let own = Path::new(&self.manifest.model_file).file_name().filter(|_| !self.used.is_empty());
         let name = own.map_or_else(|| self.folder.join(MODEL), |own| self.folder.join(own));
-        let model = Model::from_texts(name.display().to_string(), &self.model, &self.used)?
+        let origin = Path::new(&self.manifest.model_file);
+        let model = Model::from_kept(name.display().to_string(), &self.model, &self.used, origin)?
             .grouped(self.manifest.groups.clone())?;
         // the names were taken from this text
         Ok(model.untied(&self.manifest.untied).unwrap_or(model))

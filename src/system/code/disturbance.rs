@@ -34,9 +34,15 @@ impl Rounding {
         };
         let mut values = std::mem::take(&mut self.values);
         values.clear();
-        for instruction in &program.instructions {
+        for (k, instruction) in program.instructions.iter().enumerate() {
             let [a, b, c] = instruction.args.map(|o| operand(o, &values));
-            let value = (instruction.op.row().value)(a, b, c);
+            let value = match program.call(k) {
+                Some((function, operands)) => {
+                    let operands: Vec<f64> = operands.iter().map(|o| operand(*o, &values)).collect();
+                    function.compute(instruction.op, &operands)
+                }
+                None => (instruction.op.row().value)(a, b, c),
+            };
             // conditions are decisions, not numbers with a last place
             values.push(if instruction.op.is_condition() { value } else { self.round(value) });
         }

@@ -4,8 +4,9 @@
 use super::disturbance::Rounding;
 use super::tape::Bytecode;
 use crate::dynamics::{Point, Workspace};
+use fdm_grammar::external::Function;
 use fdm_grammar::graph::Graph;
-use fdm_grammar::op::ExprId;
+use fdm_grammar::op::{ExprId, Op};
 use fdm_grammar::schedule::{Operand, Program, program};
 use num_complex::Complex64;
 
@@ -54,7 +55,12 @@ pub(super) fn evaluate(
         Operand::Known(k) => at.known[k as usize],
     };
     values.clear();
-    for instruction in &program.instructions {
+    for (k, instruction) in program.instructions.iter().enumerate() {
+        if let Some((function, operands)) = program.call(k) {
+            let operands: Vec<Complex64> = operands.iter().map(|o| operand(*o, values)).collect();
+            values.push(called(instruction.op, &function, &operands));
+            continue;
+        }
         let [a, b, c] = instruction.args.map(|o| operand(o, values));
         // decisions must be those of the real program, also where the continuation has a value and the function none
         let re = (instruction.op.row().value)(a.re, b.re, c.re);
@@ -71,6 +77,18 @@ pub(super) fn evaluate(
         results[result.slot as usize] = operand(result.operand, values);
     }
     results
+}
+
+/// Foreign code knows no complex numbers: its part of the step is made of differences of its values.
+fn called(op: Op, function: &Function, operands: &[Complex64]) -> Complex64 {
+    let real: Vec<f64> = operands.iter().map(|o| o.re).collect();
+    let moved = operands.iter().enumerate().filter(|(_, o)| o.im != 0.0);
+    let im = match op {
+        Op::External => moved.map(|(k, o)| o.im * function.code.difference(function.function, &real, k)).sum(),
+        // second derivatives are not looked at
+        _ => 0.0,
+    };
+    Complex64::new(function.compute(op, &real), im)
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use fdm_grammar::graph::{Leaf, Signal};
 use fdm_grammar::model::{Derived, Input, Model, Origin, Output, Param, Quantity, State};
-use fdm_grammar::op::{Build, ExprId, Op, ROWS};
+use fdm_grammar::op::{Build, ExprId, Form, Op, ROWS};
 use fdm_grammar::unit::Unit;
 
 /// Marsaglia's xorshift with multiplication; the same numbers everywhere.
@@ -175,7 +175,9 @@ pub(super) fn random(seed: u64, special: bool) -> Model {
 
 fn grow(g: &mut dyn Build, pool: &mut Vec<ExprId>, count: usize, random: &mut Xorshift) {
     for _ in 0..count {
-        let row = &ROWS[random.below(ROWS.len())];
+        // foreign code has no graph that could be compared
+        let count = ROWS.iter().filter(|row| row.form != Form::External).count();
+        let row = &ROWS[random.below(count)];
         let mut args: Vec<ExprId> = (0..row.arity).map(|_| pool[random.below(pool.len())]).collect();
         if row.op == Op::Select {
             let relation = [Op::Less, Op::LessEqual, Op::Equal][random.below(3)];

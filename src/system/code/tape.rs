@@ -2,9 +2,10 @@
 //!
 //! An interpreter spends more on finding out what to do than on doing it, and half of a linear model is products that one sum alone
 //! reads: such a product is formed inside that sum. Product and sum are still rounded one after the other: the bits are those of two
-//! instructions.
+//! instructions. Foreign code is called from here alone: machine code leaves programs that call it to the tape.
 
 use crate::dynamics::{Dynamics, Point, Step, Workspace, runge_kutta};
+use fdm_grammar::external::Function;
 use fdm_grammar::op::Op;
 use fdm_grammar::schedule::{Instruction, Layout, Operand, Program, Schedule};
 
@@ -99,6 +100,11 @@ impl Dynamics for Tape {
         self.rates_by_time.run(at, out, work);
     }
 
+    fn ready(&self) -> Result<(), String> {
+        let programs = [&self.prepare, &self.rates, &self.outputs, &self.events];
+        programs.into_iter().flat_map(|p| &p.calls).try_for_each(|(function, _)| function.code.ready())
+    }
+
     fn step(&self, step: Step<'_>, next: &mut [f64], work: &mut Workspace) {
         let (n, width) = (self.layout.states, self.layout.drive());
         runge_kutta(step, n, width, next, work, |stage, at, out, work| self.rates.run_stage(stage, at, out, work));
@@ -122,7 +128,7 @@ struct Code {
     from: [u32; 3],
 }
 
-/// One program. Its array is [constants | time | states | drive | entries of `known` that it reads | registers];
+/// One program. Its array is [constants | time | states | drive | entries of `known` that it reads | registers | operands of a call];
 /// everything but the registers is copied in front of each evaluation, so that instructions read without asking where.
 #[derive(Debug, Clone)]
 pub(crate) struct Bytecode {
@@ -134,16 +140,18 @@ pub(crate) struct Bytecode {
     /// (slot, where its value stands)
     results: Vec<(u32, u32)>,
     width: usize,
+    /// Functions of foreign code, and where their operands stand.
+    calls: Vec<(Function, Vec<u32>)>,
     places: usize,
 }
 
 impl Bytecode {
     /// A program that reads this many states and entries of the drive.
     pub(crate) fn new(program: &Program, states: usize, drive: usize) -> Self {
-        let steps = fused(program);
-        let operands = steps.iter().flat_map(Fused::operands).chain(program.results.iter().map(|r| &r.operand));
+        let mut steps = fused(program);
+        let operands = steps.iter().flat_map(|s| s.reads(program)).chain(program.results.iter().map(|r| r.operand));
         let mut known: Vec<u32> =
-            operands.filter_map(|o| if let Operand::Known(k) = o { Some(*k) } else { None }).collect();
+            operands.filter_map(|o| if let Operand::Known(k) = o { Some(k) } else { None }).collect();
         known.sort_unstable();
         known.dedup();
         let registers = Registers::assign(program, &steps);
@@ -157,6 +165,14 @@ impl Bytecode {
             Operand::Known(k) => (time + 1 + states + drive + known.partition_point(|l| *l < k)) as u32,
             Operand::Value(k) => base as u32 + registers.of[k as usize],
         };
+        let mut calls = Vec::new();
+        for step in steps.iter_mut().filter(|s| matches!(s.act, Act::Other(op) if op.is_external())) {
+            if let (Act::Other(op), Some((function, operands))) = (step.act, program.call(step.value)) {
+                step.act = Act::Call(op, calls.len() as u32);
+                calls.push((function, operands.iter().map(|o| place(*o)).collect::<Vec<u32>>()));
+            }
+        }
+        let longest = calls.iter().map(|(_, places)| places.len()).max().unwrap_or(0);
         let code = |s: &Fused| Code { act: s.act, to: base as u32 + registers.of[s.value], from: s.args.map(place) };
         Self {
             codes: steps.iter().map(code).collect(),
@@ -165,7 +181,8 @@ impl Bytecode {
             constants: program.constants.clone(),
             states,
             drive,
-            places: base + registers.count as usize,
+            places: base + registers.count as usize + longest,
+            calls,
             known,
         }
     }
@@ -201,12 +218,21 @@ impl Bytecode {
                 Act::MulSub => a * b - c,
                 Act::SubMul => c - a * b,
                 Act::Other(op) => (op.row().value)(a, b, c),
+                Act::Call(op, k) => self.call(op, k, values),
             };
         }
         let out = &mut out[..self.width];
         for (slot, k) in &self.results {
             out[*slot as usize] = values[*k as usize];
         }
+    }
+
+    #[cold]
+    fn call(&self, op: Op, call: u32, values: &mut [f64]) -> f64 {
+        let (function, places) = &self.calls[call as usize];
+        let (values, operands) = values.split_at_mut(values.len() - places.len());
+        operands.iter_mut().zip(places).for_each(|(o, k)| *o = values[*k as usize]);
+        function.compute(op, operands)
     }
 
     /// What the points of a step share.
@@ -240,9 +266,9 @@ impl Registers {
         const KEPT: usize = usize::MAX;
         let mut last: Vec<usize> = (0..program.instructions.len()).collect();
         for step in steps {
-            for operand in step.operands() {
+            for operand in step.reads(program) {
                 if let Operand::Value(v) = operand {
-                    last[*v as usize] = step.value;
+                    last[v as usize] = step.value;
                 }
             }
         }
@@ -255,13 +281,13 @@ impl Registers {
         let mut free: Vec<u32> = Vec::new();
         for step in steps {
             let k = step.value;
-            for operand in step.operands() {
+            for operand in step.reads(program) {
                 if let Operand::Value(v) = operand
-                    && last[*v as usize] == k
+                    && last[v as usize] == k
                 {
                     // an operand that stands twice is given back once
-                    last[*v as usize] = KEPT;
-                    free.push(registers.of[*v as usize]);
+                    last[v as usize] = KEPT;
+                    free.push(registers.of[v as usize]);
                 }
             }
             let register = free.pop().unwrap_or_else(|| {
@@ -296,6 +322,8 @@ pub(super) enum Act {
     SubMul,
     /// Whatever the table of operations says.
     Other(Op),
+    /// Foreign code, by the number of the call.
+    Call(Op, u32),
 }
 
 /// An instruction with what it reads.
@@ -321,9 +349,11 @@ impl Fused {
         Self { value, act, args: instruction.args, read: instruction.op.row().arity }
     }
 
-    /// The operands.
-    pub(super) fn operands(&self) -> &[Operand] {
-        &self.args[..self.read]
+    /// Everything that it reads.
+    fn reads<'a>(&'a self, program: &'a Program) -> impl Iterator<Item = Operand> + 'a {
+        let call = program.calls.binary_search_by_key(&self.value, |c| c.instruction as usize);
+        let call = call.map_or(&[][..], |k| &program.calls[k].operands);
+        self.args[..self.read].iter().chain(call).copied()
     }
 }
 
@@ -331,10 +361,10 @@ impl Fused {
 pub(super) fn fused(program: &Program) -> Vec<Fused> {
     let steps: Vec<Fused> = program.instructions.iter().enumerate().map(|(k, i)| Fused::alone(k, i)).collect();
     let mut readers = vec![0_u32; steps.len()];
-    let results = program.results.iter().map(|r| &r.operand);
-    for operand in steps.iter().flat_map(Fused::operands).chain(results) {
+    let results = program.results.iter().map(|r| r.operand);
+    for operand in steps.iter().flat_map(|s| s.reads(program)).chain(results) {
         if let Operand::Value(v) = operand {
-            readers[*v as usize] += 1;
+            readers[v as usize] += 1;
         }
     }
     let product = |operand: Operand| match operand {

@@ -73,6 +73,9 @@ pub enum Unsuited {
         /// Index of the input.
         input: usize,
     },
+    /// Foreign code that the model calls cannot be used.
+    #[error("{0}")]
+    ForeignCode(String),
     /// The steps would not fit into memory.
     #[error("{steps} steps are more than {MOST_STEPS} in a run of {samples} samples")]
     TooManySteps {

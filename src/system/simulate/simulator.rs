@@ -101,6 +101,7 @@ impl<'a> Simulator<'a> {
         if run.held.len() != layout.inputs || run.inputs.len() != run.len() * layout.inputs {
             return Err(Unsuited::OtherInputs { found: run.held.len(), expected: layout.inputs });
         }
+        dynamics.ready().map_err(Unsuited::ForeignCode)?;
         let total = steps.total(run.len());
         if layout.states > 0 && total > MOST_STEPS {
             return Err(Unsuited::TooManySteps { steps: total, samples: run.len() });

@@ -101,6 +101,23 @@ impl<'a> Submodels<'a> {
         let span = submodel.path.span;
         let from = self.source.text_at(span.start).name();
         let name = files::name_of(from, &submodel.path);
+        if files::is_unit(&name) != submodel.foreign {
+            let (message, hint) = match submodel.foreign {
+                false => (
+                    format!("`{name}` is a functional mock-up unit, which runs code of its own"),
+                    format!("write `use fmu \"{}\" as {}`", submodel.path.text, submodel.alias.text),
+                ),
+                true => (
+                    format!("`{name}` is no functional mock-up unit: their names end in `.fmu`"),
+                    format!(
+                        "write `use \"{}\" as {}`, if it is the text of a model",
+                        submodel.path.text, submodel.alias.text
+                    ),
+                ),
+            };
+            self.tell(Code::NoFile, span, message, hint);
+            return None;
+        }
         let Some(text) = files::find(self.source, &name) else {
             let missing = self.source.missing().iter().find(|m| m.name == name);
             let reason = missing.map_or("no files are read here", |m| m.reason.as_str());

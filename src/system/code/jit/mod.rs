@@ -131,7 +131,7 @@ impl Jit {
 
     #[cold]
     fn compile(&self, program: &Program) -> Option<Evaluate> {
-        if size(program) > LONGEST || !is_inside(program, &self.schedule.layout) {
+        if !program.calls.is_empty() || size(program) > LONGEST || !is_inside(program, &self.schedule.layout) {
             return None;
         }
         let plan = Plan::new(program, self.schedule.layout.states.min(program.results.len()));
@@ -172,7 +172,11 @@ impl Jit {
     fn compile_step(&self, program: &Program, rows: bool) -> Option<Advance> {
         let layout = &self.schedule.layout;
         let rates = program.results.iter().take(layout.states).enumerate().filter(|(i, r)| r.slot as usize == *i);
-        if size(program) > LONGEST_STAGE || rates.count() < layout.states || !is_inside(program, layout) {
+        if !program.calls.is_empty()
+            || size(program) > LONGEST_STAGE
+            || rates.count() < layout.states
+            || !is_inside(program, layout)
+        {
             return None;
         }
         let plan = Plan::new(program, layout.states);
@@ -249,6 +253,10 @@ impl Dynamics for Jit {
 
     fn rates_by_time(&self, at: Point<'_>, out: &mut [f64], work: &mut Workspace) {
         self.tape.rates_by_time(at, out, work);
+    }
+
+    fn ready(&self) -> Result<(), String> {
+        self.tape.ready()
     }
 
     fn step(&self, step: Step<'_>, next: &mut [f64], work: &mut Workspace) {
