@@ -182,21 +182,36 @@ class Watch(threading.Thread):
                 pass
 
     def processes(self) -> tuple[list[int], list[int]]:
-        """Programs that this study has started: those that do a shard, and workers of Dask and Ray."""
+        """Programs that do a shard in this folder, and workers of Dask and Ray that have started one. A worker that only begins is let be:
+        the nanny of Dask gives up where that is killed."""
         shards, workers = [], []
-        for pid in descendants():
-            try:
-                words = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
-                here = os.readlink(f"/proc/{pid}/cwd")
-            except OSError:
+        running = descendants()
+        for pid, fields in running.items():
+            words = self.words(pid)
+            if b"run" not in words[:4] or b"--shard" not in words or self.folder.encode() not in self.place(pid) + b" ".join(words):
                 continue
-            text = b" ".join(words)
-            if b"run" in words[:4] and b"--shard" in words and (here.startswith(self.folder) or self.folder.encode() in text):
-                if not any(word.endswith((b"mpirun", b"parallel", b"hq", b"perl", b"bash")) for word in words[:2]):
-                    shards.append(pid)
-            elif text.startswith(b"ray::_command") or (b"spawn_main" in text and here.startswith(self.folder)):
-                workers.append(pid)
+            if any(word.endswith((b"mpirun", b"parallel", b"hq", b"perl", b"bash")) for word in words[:2]):
+                continue
+            shards.append(pid)
+            parent = int(fields[1])
+            text = b" ".join(self.words(parent)) if parent in running else b""
+            if text.startswith(b"ray::") or b"spawn_main" in text:
+                workers.append(parent)
         return shards, workers
+
+    @staticmethod
+    def words(pid: int) -> list[bytes]:
+        try:
+            return Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
+        except OSError:
+            return []
+
+    @staticmethod
+    def place(pid: int) -> bytes:
+        try:
+            return os.fsencode(os.readlink(f"/proc/{pid}/cwd"))
+        except OSError:
+            return b""
 
 
 class Study:
@@ -232,6 +247,8 @@ class Study:
             "JOBS": "2",
             "RANKS": "2",
             "RAY_DEDUP_LOGS": "0",
+            # its workers stand back behind everything else, at 15, unless they are told otherwise
+            "RAY_worker_niceness": "0",
             # what a cluster of Ray asks of those who come to it
             "RAY_AUTH_MODE": "token",
             "RAY_AUTH_TOKEN": secrets.token_hex(32),
@@ -436,8 +453,11 @@ class Study:
         return same
 
     def row(self, kind: str, engine: str, count: int, cost: Cost, alone: Cost, kills: str, same: bool, cores: int = 2) -> None:
+        if cost.elapsed == 0.0:
+            print(f"{kind:6} {engine:9} {count:6} was not done  {kills}", flush=True)
+            return
         overhead = 1e3 * (cost.processor - alone.processor) / count
-        efficiency = alone.elapsed / max(cores * cost.elapsed, 1e-9)
+        efficiency = alone.elapsed / (cores * cost.elapsed)
         print(
             f"{kind:6} {engine:9} {count:6} start {cost.start:5.1f} s  {cost.elapsed:7.1f} s  efficiency {efficiency:5.3f}  busy {cost.busy:5.3f}"
             f"  processor {cost.processor:7.1f} s  overhead {overhead:7.3f} ms a task  {'the same bytes' if same else 'OTHER BYTES'}  {kills}",
