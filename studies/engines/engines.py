@@ -183,7 +183,7 @@ class Watch(threading.Thread):
 
     def processes(self) -> tuple[list[int], list[int]]:
         """Programs that do a shard in this folder, and workers of Dask and Ray that have started one. A worker that only begins is let be:
-        the nanny of Dask gives up where that is killed."""
+        after such kills Dask stood there without workers, and the job waited for new ones."""
         shards, workers = [], []
         running = descendants()
         for pid, fields in running.items():
