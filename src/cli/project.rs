@@ -135,6 +135,11 @@ impl Asked<'_> {
         self.verb.get_name() != "export" || self.is_typed("recursive")
     }
 
+    /// Whether it takes the records that a result names: what is validated or compared is not among them.
+    fn takes_records_of_a_result(&self) -> bool {
+        self.is_typed("from_result") && !["validate", "compare"].contains(&self.verb.get_name())
+    }
+
     fn records(&self) -> Vec<String> {
         if !self.works_on_records() {
             return Vec::new();
@@ -142,13 +147,11 @@ impl Asked<'_> {
         let project = self.project;
         let takes = |id: &str| self.argument(id).is_some();
         let mut added = Vec::new();
-        // a result knows its own records; what is validated or compared is not among them
         let predicts = ["validate", "compare"].contains(&self.verb.get_name());
-        let of_result = self.is_typed("from_result") && !predicts;
         let table = self.argument("runs").is_some_and(|a| a.get_long() == Some("runs") && !a.is_required_set())
             && (takes("salvage") || self.verb.get_name() == "export")
             && self.verb.get_name() != "design";
-        let named = self.is_typed("data") || table && self.is_typed("runs") || of_result;
+        let named = self.is_typed("data") || table && self.is_typed("runs") || self.takes_records_of_a_result();
         if takes("data") && !named {
             let list =
                 if predicts && !project.validation.list().is_empty() { &project.validation } else { &project.data };
@@ -223,8 +226,10 @@ impl Asked<'_> {
                 own.entry(name).or_insert(value);
             }
         }
+        // a result says how its own records were read
+        let of_result = self.takes_records_of_a_result() && !self.is_typed("data") && !self.is_typed("runs");
         for (name, value) in own {
-            let is_of_records = OF_RECORDS.contains(&name) && !self.works_on_records();
+            let is_of_records = OF_RECORDS.contains(&name) && (of_result || !self.works_on_records());
             if is_of_records || long(self.verb, name).is_some_and(|id| self.is_typed(&id)) {
                 continue;
             }

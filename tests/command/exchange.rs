@@ -222,6 +222,10 @@ fn what_is_no_estimator_is_said() {
     desk.write("fdm.toml", "model = \"m.fdm\"\ndata = \"run2.csv\"\n[options]\nzoh = [\"u\"]\n");
     desk.good("export --to c -o plain.c");
     assert!(desk.refused("export --to c --recursive -o e.c").contains("no equation of the model is a regression"));
+    // a result says itself how its records were read
+    desk.write("fdm.toml", "model = \"s.fdm\"\ndata = \"d.csv\"\n[options]\nzoh = [\"u\"]\n");
+    desk.good("fit -q --out kept");
+    desk.good("simulate --from-result kept -o again.csv");
 }
 
 /// A reader of DAVE-ML that knows what the standard says of gridded tables, and nothing of fdm: the file's own check cases, and the model's outputs.
