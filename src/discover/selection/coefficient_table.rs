@@ -189,7 +189,10 @@ impl TableSearch<'_> {
             values.sort_by(f64::total_cmp);
             let moving = Moving { signal, values };
             let (low, high) = moving.range();
-            (high - low > STILL * low.abs().max(high.abs())).then_some(moving)
+            // nodes that no sample is near, as between the levels of an input, are left to chance, and their smoothness is sought for minutes
+            let visited = |cell: &[f64]| moving.samples(cell[0], cell[1]) > 0;
+            let moves = high - low > STILL * low.abs().max(high.abs());
+            (moves && moving.places(WRITTEN).windows(2).all(visited)).then_some(moving)
         };
         signals.into_iter().zip(values).filter_map(of).collect()
     }
@@ -238,9 +241,9 @@ impl TableSearch<'_> {
         let tabulated = self.tabulated(current, (text, pair, moving), WRITTEN, "cubic")?;
         let starts = trial.starts(&tabulated);
         let asked = (self.options, self.goes_on);
-        let fit =
-            |thoroughness: Thoroughness| plain_fit_told(&tabulated.model, &starts, self.runs, asked, thoroughness);
-        let (fitted, estimate) = fit(Thoroughness::Once).or_else(|_| fit(Thoroughness::Whole)).ok()?;
+        // a table that is not found from the broken line's fit is worth no fallback strategies: they take minutes
+        let (fitted, estimate) =
+            plain_fit_told(&tabulated.model, &starts, self.runs, asked, Thoroughness::Once).ok()?;
         let written = at_values(&tabulated.model, &fitted.theta, &self.given.response, self.runs)?;
         let effective = estimate.smoothing.iter().find(|s| s.table == tabulated.table)?.effective_parameters;
         let (all, train) = (self.runs.all, self.runs.train);
