@@ -224,6 +224,7 @@ impl Arguments {
             fit: FitOptions { changes, ..FitOptions::default() }.with_declared_noise(model),
             screening: ScreeningOptions::default(),
             domain,
+            tables: self.chosen.tables(),
         }
     }
 

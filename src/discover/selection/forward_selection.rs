@@ -660,7 +660,8 @@ impl<'a> ForwardSelection<'a> {
                 front.push(told);
             }
         }
-        if self.may_be_curved(verdict, left) && *self.runs.domain == Domain::Time && (self.goes_on)() {
+        let in_time = *self.runs.domain == Domain::Time;
+        if options.tables && in_time && self.may_be_curved(verdict, left) && (self.goes_on)() {
             (self.progress)("trying coefficients as tables");
             let search = TableSearch { given: first, runs, noise, options, goes_on };
             let current = last.as_deref().or(curve.as_ref());

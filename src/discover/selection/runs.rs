@@ -282,6 +282,8 @@ pub struct DiagnosisOptions {
     pub screening: ScreeningOptions,
     /// Where models are compared with records.
     pub domain: Domain,
+    /// Whether coefficients are tried as tables of a signal.
+    pub tables: bool,
 }
 
 impl Default for DiagnosisOptions {
@@ -292,6 +294,7 @@ impl Default for DiagnosisOptions {
             fit: FitOptions::default(),
             screening: ScreeningOptions::default(),
             domain: Domain::Time,
+            tables: true,
         }
     }
 }
