@@ -26,6 +26,11 @@ effect output_scale(y: output) \"scale\" { param k = 0; replace y with(1 + k)*y;
 effect constant_force(x: state) unless known(der(x)) \"force\" { param force = 0; add der(x) += force; }
 ";
 
+/// Without tables, as they have tests of their own.
+fn options() -> DiagnosisOptions {
+    DiagnosisOptions { tables: false, ..DiagnosisOptions::default() }
+}
+
 fn catalogue() -> Catalogue {
     let (catalogue, findings) = Catalogue::read(&Source::new("some.fdm", SOME));
     assert!(findings.is_empty(), "{findings:?}");
@@ -66,7 +71,7 @@ fn roll(drag: f64, begin: f64, name: &str) -> Run {
 
 fn diagnosed(text: &str, runs: &[Run], held: &[Run]) -> Diagnosis {
     let model = Model::from_text("model.fdm", text).unwrap();
-    diagnose(&model, runs, held, &catalogue(), &DiagnosisOptions::default(), &|_| ()).unwrap()
+    diagnose(&model, runs, held, &catalogue(), &options(), &|_| ()).unwrap()
 }
 
 #[test]
@@ -141,7 +146,7 @@ fn what_cannot_be_judged_is_said() {
     let model = Model::from_text("model.fdm", ROLL.replace("DRAG", "")).unwrap();
     let runs = [roll(0.1, 0.5, "a")];
     let asked = |runs: &[Run], held: &[Run]| {
-        diagnose(&model, runs, held, &catalogue(), &DiagnosisOptions::default(), &|_| ()).unwrap_err().to_string()
+        diagnose(&model, runs, held, &catalogue(), &options(), &|_| ()).unwrap_err().to_string()
     };
     let mut twin = runs[0].clone();
     twin.name = "twin".into();
@@ -158,7 +163,7 @@ fn a_mode_that_repeats_a_free_motion_is_no_mode() {
     assert!(findings.is_empty(), "{findings:?}");
     let model = Model::from_text("model.fdm", ROLL.replace("DRAG", "")).unwrap();
     let runs = [roll(0.8, 0.7, "a"), roll(0.8, 0.4, "b")];
-    let found = diagnose(&model, &runs, &[], &catalogue, &DiagnosisOptions::default(), &|_| ()).unwrap();
+    let found = diagnose(&model, &runs, &[], &catalogue, &options(), &|_| ()).unwrap();
     assert!(found.causes.is_empty(), "{:?}", found.causes);
     assert!(found.rejected.iter().any(|r| r.reason.contains("own motion once more")), "{:?}", found.rejected);
 }
@@ -177,7 +182,7 @@ effect lag(y: output) as sensor \"lag\" { param T = 0 in [step/4, duration/4] tr
     let truth = begins(&ROLL.replace("DRAG", "- 0.4*p*abs(p) - 3*phi^3"));
     let of = |name: &str, phi: f64| run(&truth, name, |_| 0.0, &[("phi(0)", phi), ("p(0)", 0.1)], 0.002);
     let model = Model::from_text("model.fdm", begins(&ROLL.replace("DRAG", ""))).unwrap();
-    let options = DiagnosisOptions::default();
+    let options = options();
     let found = diagnose(&model, &[of("a", 0.6)], &[], &catalogue, &options, &|_| ()).unwrap();
     let mut named: Vec<String> = found.causes.iter().map(|c| c.place.to_string()).collect();
     named.sort();
@@ -221,7 +226,7 @@ fn friction_has_one_sign() {
         let (catalogue, findings) = Catalogue::read(&Source::new("signed.fdm", signed.as_str()));
         assert!(findings.is_empty(), "{findings:?}");
         let runs = [roll(drag, 0.5, "a"), roll(drag, 0.3, "b")];
-        diagnose(&model, &runs, &[], &catalogue, &DiagnosisOptions::default(), &|_| ()).unwrap()
+        diagnose(&model, &runs, &[], &catalogue, &options(), &|_| ()).unwrap()
     };
     let named = |found: &Diagnosis| found.causes.iter().any(|c| c.place.effect == "quadratic_damping");
     let screened = |found: &Diagnosis| {
@@ -253,8 +258,7 @@ fn a_steady_offset_is_named() {
     let (catalogue, findings) = Catalogue::read(&Source::new("with.fdm", with.as_str()));
     assert!(findings.is_empty(), "{findings:?}");
     let model = Model::from_text("model.fdm", HEELED.replace("OFFSET", "")).unwrap();
-    let found =
-        |offset: f64| diagnose(&model, &runs(offset), &[], &catalogue, &DiagnosisOptions::default(), &|_| ()).unwrap();
+    let found = |offset: f64| diagnose(&model, &runs(offset), &[], &catalogue, &options(), &|_| ()).unwrap();
     let offset = found(0.15);
     assert_eq!(offset.causes.first().map(|c| c.place.to_string()).as_deref(), Some("output_bias(roll)"), "{offset:#?}");
     assert!((offset.causes[0].parameters[0].value - 0.15).abs() < 0.005 && offset.family_wise_p < 1e-6);
@@ -279,7 +283,7 @@ fn of_equal_effects_the_simplest_is_named() {
     let (catalogue, findings) = Catalogue::read(&Source::new("zone.fdm", format!("{zone}{SOME}")));
     assert!(findings.is_empty(), "{findings:?}");
     let model = Model::from_text("model.fdm", TEXT.replace("FORCE", "")).unwrap();
-    let found = diagnose(&model, &runs, &[], &catalogue, &DiagnosisOptions::default(), &|_| ()).unwrap();
+    let found = diagnose(&model, &runs, &[], &catalogue, &options(), &|_| ()).unwrap();
     let group: Vec<String> = found.causes[0].group.iter().map(|member| member.place.to_string()).collect();
     assert_eq!(found.causes[0].place.to_string(), "constant_force(v)", "{group:?}");
     assert!(group.iter().any(|place| place == "input_dead_zone(u)"), "{group:?}");
@@ -301,7 +305,7 @@ fn an_error_beyond_its_noise_is_never_nothing() {
             run.measured.iter_mut().enumerate().for_each(|(i, y)| *y += size * wave(i));
         }
         run.measured.iter_mut().for_each(|y| *y += offset);
-        diagnose(&model, &[run], &[], &catalogue(), &DiagnosisOptions::default(), &|_| ()).unwrap()
+        diagnose(&model, &[run], &[], &catalogue(), &options(), &|_| ()).unwrap()
     };
     assert_eq!(found(0.0).verdict, Verdict::NoEffectFound);
     // nothing in this catalogue is a zero: a force alone would move the gain too
@@ -318,7 +322,7 @@ fn an_error_beyond_its_noise_is_never_nothing() {
 fn a_search_that_is_stopped_says_so_and_keeps_what_it_has() {
     let runs = [roll(0.4, 0.5, "a"), roll(0.4, 0.3, "b")];
     let model = Model::from_text("model.fdm", ROLL.replace("DRAG", "")).unwrap();
-    let (catalogue, options) = (catalogue(), DiagnosisOptions::default());
+    let (catalogue, options) = (catalogue(), options());
     let stopped_after = |most: usize| {
         let asked = AtomicUsize::new(0);
         let goes_on = || asked.fetch_add(1, Ordering::Relaxed) < most;

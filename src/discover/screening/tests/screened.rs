@@ -106,7 +106,7 @@ fn directions_are_needed_where_something_was_measured() {
     let (mut runs, directions) = records(2, 400, 2, Colour::Pink, 11);
     for run in &mut runs {
         add(run, 4, 0.5);
-        let measured = |k: usize| if k % 2 == 0 { (k / 2) % 4 == 1 } else { (k / 2) % 8 == 5 };
+        let measured = |k: usize| if k.is_multiple_of(2) { (k / 2) % 4 == 1 } else { (k / 2) % 8 == 5 };
         run.residual.iter_mut().enumerate().filter(|(k, _)| !measured(*k)).for_each(|(_, v)| *v = f64::NAN);
     }
     let whole = screened(&runs, 2, &directions);
