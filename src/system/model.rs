@@ -414,16 +414,17 @@ fn read_unit(name: &str) -> Result<String, String> {
 /// Makes the functions known that a kept text calls: the unit itself is not kept, and must be where it was.
 #[cfg(feature = "units")]
 fn remember_unit(places: &[PathBuf], text: &str) -> Result<(), String> {
-    let mut said = "it is another unit than when this was written".to_string();
+    let (mut said, mut other) = (String::new(), None);
     for place in places {
         if fdm_units::is_known(text) {
             break;
         }
-        if let Err(reason) = read_unit(&place.display().to_string()) {
-            said = format!("a unit is not kept with a result, and at {} {reason}", place.display());
+        match read_unit(&place.display().to_string()) {
+            Ok(_) => other = Some(format!("{} is another unit than when this was written", place.display())),
+            Err(reason) => said = format!("a unit is not kept with a result, and at {} {reason}", place.display()),
         }
     }
-    if fdm_units::is_known(text) { Ok(()) } else { Err(said) }
+    if fdm_units::is_known(text) { Ok(()) } else { Err(other.unwrap_or(said)) }
 }
 
 #[cfg(not(feature = "units"))]

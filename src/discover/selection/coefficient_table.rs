@@ -9,10 +9,9 @@ use super::assessment::run_gains;
 use super::coefficient_text::{CoefficientText, CurveNodes, Dependence, TextSignal, shown};
 use super::fitted_model::{FittedModel, shared_from, split_fit_within};
 use super::forward_step::{PENALTY, prior};
+use super::front::FrontProblem;
 use super::initial_fit::{Thoroughness, plain_fit_told};
 use super::law_curve::LawModel;
-use super::runs::{DiagnosisOptions, GoesOn, Runs};
-use super::whitening::CommonNoise;
 use super::written_model::at_values;
 use crate::diagnosis::{CoefficientTable, EffectAt};
 use fdm_estimate::Estimate;
@@ -48,16 +47,6 @@ const BETWEEN: usize = 64;
 const UNKNOWN: f64 = 1e200;
 /// Digits of a place in a sentence.
 const DIGITS: usize = 3;
-
-/// Searches for tables, all by one noise.
-pub(super) struct TableSearch<'a> {
-    /// The model as it was given, at its plain fit: what gains are counted from.
-    pub(super) given: &'a FittedModel,
-    pub(super) runs: Runs<'a>,
-    pub(super) noise: &'a CommonNoise,
-    pub(super) options: &'a DiagnosisOptions,
-    pub(super) goes_on: &'a GoesOn<'a>,
-}
 
 /// A table in a model's text, fitted.
 pub(super) struct TableModel {
@@ -135,9 +124,9 @@ impl Trial {
     }
 }
 
-impl TableSearch<'_> {
+impl FrontProblem<'_> {
     /// The likeliest table in a model at its plain fit; none where no coefficient depends on anything.
-    pub(super) fn best(&self, current: &FittedModel) -> Option<TableModel> {
+    pub(super) fn table_in(&self, current: &FittedModel) -> Option<TableModel> {
         let text = CoefficientText::new(&current.subject)?;
         let moving = self.moving(current, &text);
         let names: Vec<String> = moving.iter().map(|m| m.signal.name.clone()).collect();
@@ -244,7 +233,7 @@ impl TableSearch<'_> {
         // a table that is not found from the broken line's fit is worth no fallback strategies: they take minutes
         let (fitted, estimate) =
             plain_fit_told(&tabulated.model, &starts, self.runs, asked, Thoroughness::Once).ok()?;
-        let written = at_values(&tabulated.model, &fitted.theta, &self.given.response, self.runs)?;
+        let written = at_values(&tabulated.model, &fitted.theta, &self.first.response, self.runs)?;
         let effective = estimate.smoothing.iter().find(|s| s.table == tabulated.table)?.effective_parameters;
         let (all, train) = (self.runs.all, self.runs.train);
         let responses = (&current.response[..], &written.fitted.response[..]);

@@ -3,7 +3,7 @@
 use super::acceptance::{cause, objection, rejected, separating};
 use super::assessment::{ResidualRecords, against, beyond_noise, biased, output_gains, overlays, run_gains};
 use super::candidate_model::CandidateModel;
-use super::coefficient_table::{TableModel, TableSearch};
+use super::coefficient_table::TableModel;
 use super::comparison::Comparison;
 use super::elimination::{Accepted, eliminate, one_law, revise};
 use super::error::DiagnosisError;
@@ -663,10 +663,9 @@ impl<'a> ForwardSelection<'a> {
         let in_time = *self.runs.domain == Domain::Time;
         if options.tables && in_time && self.may_be_curved(verdict, left) && (self.goes_on)() {
             (self.progress)("trying coefficients as tables");
-            let search = TableSearch { given: first, runs, noise, options, goes_on };
             let current = last.as_deref().or(curve.as_ref());
             let rival = written.as_ref().zip(current).map(|(written, current)| Rival { written, current });
-            let proposed = self.proposed(&problem, &search, rival.as_ref());
+            let proposed = self.proposed(&problem, rival.as_ref());
             if let Some(Proposed { table, model, beside }) = proposed {
                 if model.recommended {
                     front.iter_mut().for_each(|model| model.recommended = false);
@@ -742,12 +741,7 @@ impl<'a> ForwardSelection<'a> {
 
     /// The likeliest table of a coefficient: in the recommended model beside its effects where that predicts better, else in the model as it was
     /// given. It is recommended where nothing else is, or where it predicts better than what is.
-    fn proposed(
-        &self,
-        problem: &FrontProblem<'_>,
-        search: &TableSearch<'_>,
-        rival: Option<&Rival<'_>>,
-    ) -> Option<Proposed> {
+    fn proposed(&self, problem: &FrontProblem<'_>, rival: Option<&Rival<'_>>) -> Option<Proposed> {
         let told = |table: &TableModel, beside: bool| {
             let mut model = problem.law(&table.curve);
             if beside {
@@ -759,14 +753,14 @@ impl<'a> ForwardSelection<'a> {
             model
         };
         if let Some(Rival { written, current }) = rival.filter(|_| !self.accepted.is_empty())
-            && let Some(table) = search.best(&written.fitted)
+            && let Some(table) = problem.table_in(&written.fitted)
             && problem.predicts_better(table.curve.fits(), (current, &written.fitted))
         {
             let mut model = told(&table, true);
             model.recommended = model.objection.is_none();
             return Some(Proposed { table, model, beside: true });
         }
-        let table = search.best(search.given)?;
+        let table = problem.table_in(problem.first)?;
         let mut model = told(&table, false);
         let better = rival.is_none_or(|Rival { written, current }| {
             problem.predicts_better(table.curve.fits(), (current, &written.fitted))

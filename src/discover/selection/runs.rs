@@ -69,11 +69,12 @@ const KEPT: usize = 1_000;
 const LOST: f64 = 1e-3;
 
 /// Every k-th sample of runs that are longer than a search with so many candidates needs, and what was left out, in a sentence. Where inputs
-/// need more samples than that, they keep them, and the outputs are compared at fewer.
+/// need more samples than that, they keep them, and the outputs are compared at fewer: that saves numbers, but no steps.
 pub(super) fn thinned(runs: Vec<Run>, outputs: usize, candidates: usize) -> (Vec<Run>, Option<String>) {
     let samples: usize = runs.iter().map(Run::len).sum();
     let numbers = samples.saturating_mul(outputs).saturating_mul(DIRECTIONS * candidates.max(1));
-    let wanted = samples.div_ceil(MOST_SAMPLES).max(numbers.div_ceil(MOST_NUMBERS));
+    let by_numbers = numbers.div_ceil(MOST_NUMBERS);
+    let wanted = samples.div_ceil(MOST_SAMPLES).max(by_numbers);
     let shortest = runs.iter().map(Run::len).filter(|n| *n > KEPT).min().unwrap_or(0);
     let mut every = wanted.min(shortest / KEPT).max(1);
     while every > 1 && !runs.iter().filter(|run| run.len() > KEPT).all(|run| keeps_inputs(run, every)) {
@@ -83,7 +84,7 @@ pub(super) fn thinned(runs: Vec<Run>, outputs: usize, candidates: usize) -> (Vec
     let runs: Vec<Run> = runs.iter().map(part).collect();
     let left: usize = runs.iter().map(Run::len).sum();
     let compared = measured(&runs);
-    let runs: Vec<Run> = runs.into_iter().map(|run| sparser(run, wanted.div_ceil(every))).collect();
+    let runs: Vec<Run> = runs.into_iter().map(|run| sparser(run, by_numbers.div_ceil(every))).collect();
     let mut said = Vec::new();
     if left < samples {
         said.push(format!("of {samples} samples every {every}th is used ({left})"));
