@@ -3,9 +3,10 @@
 //!
 //! The peers are set up outside the repository (see docs/notebook/benchmarks.md). Where the hand-written limit and the reference
 //! data are found, the limit runs first and last in the same run on the same core; with `PEERS` naming the peers' folder all
-//! tools run. Otherwise our own figures stand alone. `cargo bench -- w3` measures one of w1, w2t, w2f, w3, w3f, w4, w5, w6.
+//! tools run. Otherwise our own figures stand alone. `cargo bench -- w3` measures one of w1, w2t, w2f, w3, w3f, w4, w5, w6, w7.
 #![allow(clippy::print_stdout, reason = "a benchmark prints its figures")]
 
+mod aircraft;
 mod chain;
 mod clock;
 mod delay;
@@ -46,6 +47,7 @@ fn main() {
         ("w3f", "w3", frequency::delay),
         ("w4", "w4", zoom::run),
         ("w6", "w6", chain::run),
+        ("w7", "w7", aircraft::run),
     ];
     for (name, workload, measure) in measures {
         if wanted(name) {

@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import warnings
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
@@ -14,6 +15,9 @@ from typing import Any
 
 from ._documents import wrapped
 from ._errors import InputError, NumericalError
+
+_PATIENCE = 30
+"""Seconds that Dask may be silent before its workers are counted."""
 
 
 class Mapped:
@@ -86,10 +90,30 @@ def _starter(client: Any) -> tuple[Callable[[list[str]], Any], Callable[[Any], t
         return started.remote, client.get
     if hasattr(client, "scheduler_info") or hasattr(client, "ncores"):
         # Dask takes equal calls for the same call, unless it is told otherwise
-        return (lambda words: client.submit(_command, words, pure=False, retries=3)), (lambda future: future.result())
+        return (lambda words: client.submit(_command, words, pure=False, retries=3)), (lambda future: _awaited(client, future))
     if hasattr(client, "submit"):
         return (lambda words: client.submit(_command, words)), (lambda future: future.result())
     raise TypeError(f"{client!r} is no client of Dask, not Ray, and no executor of concurrent.futures")
+
+
+def _awaited(client: Any, future: Any) -> tuple[int, str, str]:
+    """The end of a shard. Dask waits in silence for workers that may never come: that is said, once a wait."""
+    import asyncio  # its error is Python's own from 3.11 on
+
+    said = False
+    while True:
+        try:
+            return future.result(timeout=_PATIENCE)
+        except (TimeoutError, asyncio.TimeoutError):
+            if client.ncores():
+                said = False
+            elif not said:
+                said = True
+                warnings.warn(
+                    f"Dask has no workers: {client!r} waits for new ones. What is done is kept, and is not done again.",
+                    RuntimeWarning,
+                    stacklevel=4,
+                )
 
 
 def map(

@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 import threading
+import time
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -70,6 +71,33 @@ def test_lost_shards_are_started_again(desk: Path) -> None:
     client = Losing()
     assert plain(fdm.map(JOB, client, shards=3, out="a").document) == whole()
     assert client.calls > 3
+
+
+class Deserted(ThreadPoolExecutor):
+    """Dask's client, whose workers come late."""
+
+    def __init__(self) -> None:
+        super().__init__(1)
+        self.asked = 0
+
+    def ncores(self) -> dict[str, int]:
+        self.asked += 1
+        return {} if self.asked < 3 else {"tcp://here": 1}
+
+    def submit(self, function: Any, *arguments: Any, **how: Any) -> Future[Any]:  # type: ignore[override]
+        def late() -> Any:
+            while self.asked < 3:
+                time.sleep(0.01)
+            return function(*arguments)
+
+        return super().submit(late)
+
+
+def test_that_dask_has_no_workers_is_said_once(desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fdm._map._PATIENCE", 0.05)
+    with Deserted() as client, pytest.warns(RuntimeWarning, match="no workers") as said:
+        assert fdm.map(JOB, client, shards=1, out="a").good
+    assert len(said) == 1
 
 
 def test_what_cannot_be_done_is_told(desk: Path) -> None:

@@ -7,8 +7,10 @@ gives them, made without any code of fdm (quaternion, DOP853), models for `fdm f
 
 import argparse
 import json
+import resource
 import subprocess
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -235,56 +237,75 @@ def make(folder):
             (folder / f"{kind}_{measured}.fdm").write_text(model(kind, measured))
 
 
-def fit(folder, fdm, kind, measured, count, extra):
-    result = folder / f"result_{kind}_{measured}"
-    runs = [str(folder / f"run{k}.csv") for k in range(count)]
-    command = [fdm, "fit", str(folder / f"{kind}_{measured}.fdm"), "--data", *runs, "--zoh", "elevator", "--zoh", "aileron",
-               "--zoh", "rudder", "--json", "--out", str(result), "--force", "--quiet", *extra]
-    began = time.time()
-    done = subprocess.run(command, capture_output=True, text=True)
-    took = time.time() - began
-    print(f"{kind} from {measured}: exit code {done.returncode}, {took:.1f} s")
-    if done.returncode == 2:
-        print(done.stderr[:2000])
-        return
-    found = json.loads(done.stdout)
-    print(f"  {found['termination']} after {found['iterations']} iterations, cost {found.get('cost')}")
-    print("  " + "\n  ".join(done.stderr.splitlines()[:8]))
-    names = TRUE if kind == "true" else []
-    inside = []
-    for p in found["parameters"]:
-        if p["name"] in names and p.get("run") is None:
-            error = p.get("corrected_error") or p.get("standard_error")
-            off = (p["value"] - TRUE[p["name"]]) / error if error else float("nan")
-            inside.append(abs(off) < 1.96)
-            print(f"  {p['name']:6} {p['value']:10.4f} true {TRUE[p['name']]:8.4f} off {off:6.2f} errors")
-    if inside:
-        print(f"  within 95 %: {sum(inside)} of {len(inside)}")
-    # open loop, initial states of validation runs from their first second
-    errors = []
-    for k in range(8, 12):
-        command = [fdm, "simulate", "--from-result", str(result), "--like", "run0", "--data", str(folder / f"run{k}.csv"),
-                   "--initial-from", "1", "--zoh", "elevator", "--zoh", "aileron", "--zoh", "rudder"]
+@dataclass
+class Flight:
+    """What is asked of a folder of runs: the first eight may be fitted, the last four are predicted."""
+
+    inputs: list
+    # of every model, and those whose true values stand in the simulator's equations
+    kinds: list
+    true: dict
+
+    def fit(self, asked, extra):
+        result = asked.folder / f"result_{asked.model}_{asked.measured}"
+        runs = [str(asked.folder / f"run{k}.csv") for k in range(asked.runs)]
+        held = [word for name in self.inputs for word in ("--zoh", name)]
+        command = [asked.fdm, "fit", str(asked.folder / f"{asked.model}_{asked.measured}.fdm"), "--data", *runs, *held, "--json",
+                   "--out", str(result), "--force", "--quiet", *extra]
+        began, used = time.time(), resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
         done = subprocess.run(command, capture_output=True, text=True)
-        lines = done.stdout.splitlines()
-        if done.returncode == 2 or not lines:
-            print("  " + done.stderr[:500])
-            continue
-        y = np.genfromtxt(lines, delimiter=",", skip_header=1)
-        exact = np.genfromtxt(folder / f"exact{k}.csv", delimiter=",", skip_header=1)[:, 4 : 4 + y.shape[1] - 1]
-        errors.append([np.sqrt(np.mean((y[:, 1 + o] - exact[:, o]) ** 2)) / np.ptp(exact[:, o]) for o in range(y.shape[1] - 1)])
-    if errors:
-        print(f"  open-loop validation error, range-normalised RMS over outputs: {np.mean(errors):.4f} (by run {np.mean(errors, axis=1).round(4)})")
+        used = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - used
+        print(f"{asked.model} from {asked.measured}: exit code {done.returncode}, {time.time() - began:.1f} s, {used:.1f} s of processor time")
+        if done.returncode == 2:
+            print(done.stderr[:2000])
+            return
+        found = json.loads(done.stdout)
+        print(f"  {found['termination']} after {found['iterations']} iterations, cost {found.get('cost')}")
+        print("  " + "\n  ".join(done.stderr.splitlines()[:8]))
+        self.parameters(found["parameters"])
+        self.predictions(asked, result, held)
+
+    def parameters(self, found):
+        """Every parameter that the true equations have under the same name, in errors from its value there."""
+        inside = []
+        for p in found:
+            if p["name"] in self.true and p.get("run") is None:
+                error = p.get("corrected_error") or p.get("standard_error")
+                off = (p["value"] - self.true[p["name"]]) / error if error else float("nan")
+                inside.append(abs(off) < 1.96)
+                print(f"  {p['name']:6} {p['value']:10.4f} true {self.true[p['name']]:8.4f} off {off:6.2f} errors")
+        print(f"  within 95 %: {sum(inside)} of {len(inside)}")
+
+    def predictions(self, asked, result, held):
+        """Open loop; initial states of validation runs from their first second."""
+        errors, first = [], 1 + len(self.inputs)
+        for k in range(8, 12):
+            command = [asked.fdm, "simulate", "--from-result", str(result), "--like", "run0", "--data", str(asked.folder / f"run{k}.csv"),
+                       "--initial-from", "1", *held]
+            done = subprocess.run(command, capture_output=True, text=True)
+            lines = done.stdout.splitlines()
+            if done.returncode == 2 or not lines:
+                print("  " + done.stderr[:500])
+                continue
+            y = np.genfromtxt(lines, delimiter=",", skip_header=1)
+            exact = np.genfromtxt(asked.folder / f"exact{k}.csv", delimiter=",", skip_header=1)[:, first : first + y.shape[1] - 1]
+            errors.append([np.sqrt(np.mean((y[:, 1 + o] - exact[:, o]) ** 2)) / np.ptp(exact[:, o]) for o in range(y.shape[1] - 1)])
+        if errors:
+            print(f"  open-loop validation error, range-normalised RMS over outputs: {np.mean(errors):.4f} (by run {np.mean(errors, axis=1).round(4)})")
 
 
-if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__)
+def main(description, flight, make):
+    parser = argparse.ArgumentParser(description=description)
     parser.add_argument("what", choices=["make", "fit"])
     parser.add_argument("folder", type=Path)
     parser.add_argument("--fdm", default="target/release/fdm")
     parser.add_argument("--from", dest="measured", default="states", choices=["states", "positions"])
-    parser.add_argument("--model", default="nominal", choices=KINDS)
+    parser.add_argument("--model", default="nominal", choices=flight.kinds)
     parser.add_argument("--runs", type=int, default=8, help="of the first eight, those that are fitted")
     # what it does not know is for `fdm fit`
-    a, extra = parser.parse_known_args()
-    make(a.folder) if a.what == "make" else fit(a.folder, a.fdm, a.model, a.measured, a.runs, extra)
+    asked, extra = parser.parse_known_args()
+    make(asked.folder) if asked.what == "make" else flight.fit(asked, extra)
+
+
+if __name__ == "__main__":
+    main(__doc__, Flight(["elevator", "aileron", "rudder"], KINDS, TRUE), make)
