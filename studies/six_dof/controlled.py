@@ -93,7 +93,7 @@ BODY = """
 """
 STATES = "  output V_m [m/s] = speed, alpha_m [rad] = alpha, q_m [rad/s] = q;\n"
 CONTROLLER = """
-  param Kp = 0.3 in [-5, 5], Ki = 0.1 in [-5, 5] [1/s], Kq = 0 in [-5, 5] [s], middle = 0 [rad], Te = 0.1 in [0.01, 1] [s];
+  param Kp = 0.3 in [-5, 5] [1], Ki = 0.1 in [-5, 5] [1/s], Kq = 0 in [-5, 5] [s], middle = 0 [rad], Te = 0.1 in [0.01, 1] [s];
   state de = middle [rad], summed = 0 [rad*s];
   der(summed) = theta - target;
   der(de) = (middle + stick + Kp*(theta - target) + Ki*summed + Kq*q - de)/Te;
