@@ -120,9 +120,11 @@ fn plane(roots: &[Root], time: &str) -> Markup {
             line.axis x1=(LEFT) x2=(WIDTH - RIGHT) y1=(place(down(0.0))) y2=(place(down(0.0))) {}
             @for damping in DAMPING {
                 @for sign in [1.0, -1.0] {
-                    @let far = 4.0 * size.max(f64::MIN_POSITIVE);
+                    @let aside = (1.0 - damping * damping).sqrt();
+                    // to the frame and no farther: dashes beyond it make a print of 20 MB
+                    @let far = (-x.low / damping).min(y.high.max(-y.low) / aside);
                     line.ray x1=(place(across(0.0))) y1=(place(down(0.0))) x2=(place(across(-damping * far)))
-                        y2=(place(down(sign * (1.0 - damping * damping).sqrt() * far))) {}
+                        y2=(place(down(sign * aside * far))) {}
                 }
             }
             @for r in roots {
