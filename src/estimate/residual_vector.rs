@@ -45,7 +45,7 @@ impl<'a> ResidualVector<'a> {
         let starts = starts(model, runs, &Changes::default());
         let steps = match options.per_interval {
             Some(count) => vec![Steps::equal(options.scheme.unwrap_or_default(), count); runs.len()],
-            None => chosen_steps(model, runs, &starts, options)?.into_iter().map(|a| a.steps).collect(),
+            None => chosen_steps(model, runs, &starts, options, &mut ())?.into_iter().map(|a| a.steps).collect(),
         };
         let mut prepared = Vec::with_capacity(runs.len());
         for ((run, start), steps) in runs.iter().zip(&starts).zip(steps) {

@@ -175,7 +175,7 @@ fn shared_steps(
 ) -> Result<SharedSteps, FitError> {
     match options.per_interval {
         Some(_) => Ok(SharedSteps::default()),
-        None => chosen_steps(model, runs, given, options).map(SharedSteps::of),
+        None => chosen_steps(model, runs, given, options, &mut ()).map(SharedSteps::of),
     }
 }
 

@@ -4,7 +4,7 @@
 use super::error::{FitError, StrategyError};
 use super::fit::{Fit, NoiseOfSamples};
 use super::options::FitOptions;
-use super::single::{after, chosen_steps};
+use super::single::{after, chosen_steps, stopped};
 use super::standardised::Standardised;
 use crate::derived::DerivedQuantities;
 use crate::estimate::{Estimate, RunFit, Symmetric};
@@ -19,7 +19,7 @@ use crate::uncertainty::sandwich::NoiseColour;
 use fdm_grammar::graph::show;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
-use fdm_system::simulate::{Accuracy, Scheme, Simulator, Steps, choose_steps, integration_error};
+use fdm_system::simulate::{Accuracy, Scheme, Simulator, Steps, choose_steps_within, integration_error};
 use std::f64::consts::TAU;
 
 /// The outputs (q) whose noise is an expression and is not put aside by what was asked for: the place of one over the deviation among the outputs of
@@ -39,6 +39,9 @@ pub(crate) fn deviations(model: &Model, noise: &Noise) -> Option<Vec<Option<usiz
     let places: Vec<Option<usize>> = outputs.iter().enumerate().map(place).collect();
     places.iter().any(Option::is_some).then_some(places)
 }
+
+/// Integration error, as a part of each output's range, with which most signs are told.
+const ROUGH: f64 = 1e-4;
 
 /// The runs without the samples whose deviation is infinite: these say nothing, whatever they are.
 ///
@@ -61,10 +64,18 @@ pub(crate) fn without_infinite(
             let simulator = Simulator::new(whole.dynamics(), run, steps);
             simulator.map(|mut s| s.simulate(theta, y).is_ok()).map_err(|e| FitError::unsuited(run, e))
         };
-        if !simulate(run, Steps::equal(Scheme::default(), 1), &mut y)? {
-            // a stiff model, or a long interval; where the start diverges all the same, what comes before is judged
-            let chosen = choose_steps(whole.dynamics(), run, theta).map_err(|e| FitError::unsuited(run, e))?;
-            simulate(run, chosen.steps, &mut y)?;
+        // rough steps are enough where nothing is to be decided; with a stiff model, or over a long interval, they may give any number
+        let mut decided =
+            simulate(run, Steps::equal(Scheme::default(), 1), &mut y)? && are_ordinary(run, deviations, &y);
+        for tolerance in [ROUGH, 0.0] {
+            if decided {
+                break;
+            }
+            y.fill(f64::NAN);
+            let chosen = choose_steps_within(whole.dynamics(), run, theta, tolerance);
+            // where the start diverges all the same, what comes before is judged
+            let finite = simulate(run, chosen.map_err(|e| FitError::unsuited(run, e))?.steps, &mut y)?;
+            decided = finite && are_ordinary(run, deviations, &y);
         }
         if let Some(wrong) = not_positive(model, run, deviations, &y) {
             return Err(wrong);
@@ -75,6 +86,15 @@ pub(crate) fn without_infinite(
         }
     }
     Ok(kept)
+}
+
+/// Whether the deviations of all measured samples are above zero and finite; `y` holds the outputs and one over the deviations.
+fn are_ordinary(run: &Run, deviations: &[Option<usize>], y: &[f64]) -> bool {
+    let mut rows = y.chunks_exact(y.len() / run.len().max(1)).zip(run.measured.chunks_exact(deviations.len()));
+    rows.all(|(y, z)| {
+        let ordinary = |s: &Option<usize>| s.is_none_or(|s| y[s] > 0.0 && y[s].is_finite());
+        z.iter().zip(deviations).all(|(z, s)| z.is_nan() || ordinary(s))
+    })
 }
 
 /// The first measured sample of a run whose deviation is not above zero; `y` holds the outputs and one over the deviations.
@@ -123,14 +143,19 @@ pub(crate) fn fit_noise_model(
     model: &Model,
     runs: &[Run],
     starts: &[Vec<f64>],
-    (first, deviations): (Fit, &[Option<usize>]),
+    (mut first, deviations): (Fit, &[Option<usize>]),
     options: &FitOptions,
     observer: &mut dyn Observer,
 ) -> Result<Fit, FitError> {
     let definition = model.definition().with_precisions();
     let Some(whole) = definition.map(|definition| model.altered(definition)) else { return Ok(first) };
     let mut starts = after(model, runs, &first.estimate, starts);
-    let integration = steps(&whole, runs, &starts, options)?;
+    let was_stopped = stopped(observer).is_some();
+    let integration = steps(&whole, runs, &starts, options, observer)?;
+    if let Some(stop) = stopped(observer).filter(|_| !was_stopped) {
+        first.estimate.termination = stop.into();
+        return Ok(first);
+    }
     let fitting = Fitting { model, whole: &whole, runs, deviations, integration: &integration, options };
     // what stands in the noise alone first: its start values know nothing of the residuals
     let only = model.definition().only_in_output_noise();
@@ -145,8 +170,14 @@ pub(crate) fn fit_noise_model(
 }
 
 /// Steps of each run for outputs and deviations.
-fn steps(whole: &Model, runs: &[Run], starts: &[Vec<f64>], options: &FitOptions) -> Result<Vec<Accuracy>, FitError> {
-    let Some(per_interval) = options.per_interval else { return chosen_steps(whole, runs, starts, options) };
+fn steps(
+    whole: &Model,
+    runs: &[Run],
+    starts: &[Vec<f64>],
+    options: &FitOptions,
+    observer: &mut dyn Observer,
+) -> Result<Vec<Accuracy>, FitError> {
+    let Some(per_interval) = options.per_interval else { return chosen_steps(whole, runs, starts, options, observer) };
     let steps = Steps::equal(options.scheme.unwrap_or_default(), per_interval);
     let one = |(run, theta): (&Run, &Vec<f64>)| {
         let error = integration_error(whole.dynamics(), run, theta, steps.clone());

@@ -6,7 +6,7 @@ use crate::changes::Changes;
 use crate::derived::DerivedQuantities;
 use crate::estimate::{Estimate, RunFit};
 use crate::initial::initial_guess;
-use crate::observer::Observer;
+use crate::observer::{Observer, Stop};
 use crate::output_error::error::FitError;
 use crate::output_error::fit::Fit;
 use crate::output_error::integration_fault::{IntegrationFault, is_moving};
@@ -17,9 +17,10 @@ use crate::solve::estimate;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::{
-    Accuracy, SOUND, Simulator, Steps, UNSOUND, choose_steps_by, choose_steps_to, error_of, integration_error,
-    output_range, worst_errors,
+    Accuracy, SOUND, Simulator, Steps, UNSOUND, choose_steps_while, error_of, integration_error, output_range,
+    worst_errors,
 };
+use std::cell::RefCell;
 
 /// Start values of all parameters (p) for each run; free initial values from the data unless they were set by hand.
 pub fn starts(model: &Model, runs: &[Run], changes: &Changes) -> Vec<Vec<f64>> {
@@ -77,16 +78,22 @@ pub(crate) fn single_fit(
     observer: &mut dyn Observer,
 ) -> Result<Fit, FitError> {
     let mut starts = starts.to_vec();
+    let was_stopped = stopped(observer).is_some();
     let mut steps = match options.per_interval {
         Some(per_interval) => vec![Steps::equal(options.scheme.unwrap_or_default(), per_interval); runs.len()],
         None => match options.shared_steps.steps(model, runs, &starts) {
             Some(steps) => steps,
-            None => chosen_steps(model, runs, &starts, options)?.into_iter().map(|a| a.steps).collect(),
+            None => chosen_steps(model, runs, &starts, options, observer)?.into_iter().map(|a| a.steps).collect(),
         },
     };
+    // what ends the choice of the steps leaves the start values with rough ones, which may be unable to follow the model
+    let cut = stopped(observer).filter(|_| !was_stopped);
     let (mut round, coarse) = (1, options.shared_steps.coarse(options.accuracy));
     loop {
-        let estimate = correct(model, runs, &starts, &steps, &options.options, observer)?;
+        let mut estimate = correct(model, runs, &starts, &steps, &options.options, observer)?;
+        if let Some(stop) = cut.filter(|_| !estimate.termination.is_stopped()) {
+            estimate.termination = stop.into();
+        }
         let reached = after(model, runs, &estimate, &starts);
         if options.bare && options.per_interval.is_some() {
             let unjudged = steps.into_iter().map(|steps| Accuracy { steps, error: f64::NAN }).collect();
@@ -101,7 +108,7 @@ pub(crate) fn single_fit(
         let finer = if last {
             steps.clone()
         } else {
-            finer(&steps, &integration, chosen_steps(model, runs, &reached, options)?, coarse)
+            finer(&steps, &integration, chosen_steps(model, runs, &reached, options, observer)?, coarse)
         };
         // where halving does not help there are kinks, or a response on the edge of divergence
         if finer == steps {
@@ -120,21 +127,28 @@ fn finer(steps: &[Steps], integration: &[Accuracy], chosen: Vec<Accuracy>, coars
     steps.iter().zip(integration).zip(chosen).map(better).collect()
 }
 
-/// Method and steps of each run for these values, as accurate as was asked for.
+/// Method and steps of each run for these values, as accurate as was asked for. What stops the work while they are sought leaves rough
+/// ones; what has stopped it before does not, since then the values that were reached are still to be judged.
 pub(crate) fn chosen_steps(
     model: &Model,
     runs: &[Run],
     starts: &[Vec<f64>],
     options: &FitOptions,
+    observer: &mut dyn Observer,
 ) -> Result<Vec<Accuracy>, FitError> {
+    let was_stopped = stopped(observer).is_some();
+    let observer = RefCell::new(observer);
+    let goes_on = || was_stopped || stopped(&mut **observer.borrow_mut()).is_none();
     let steps = |(run, theta): (&Run, &Vec<f64>)| {
-        let chosen = match options.accuracy {
-            None => choose_steps_by(model.dynamics(), run, theta, options.scheme),
-            Some(accuracy) => choose_steps_to(model.dynamics(), run, theta, options.scheme, accuracy),
-        };
+        let chosen = choose_steps_while(model.dynamics(), run, theta, options.scheme, options.accuracy, &goes_on);
         chosen.map_err(|e| FitError::unsuited(run, e))
     };
     runs.iter().zip(starts).map(steps).collect()
+}
+
+/// Why the work is to end, other than by the number of its iterations.
+pub(crate) fn stopped(observer: &mut dyn Observer) -> Option<Stop> {
+    observer.stopped().filter(|stop| *stop != Stop::Iterations)
 }
 
 /// Runs the iteration once.

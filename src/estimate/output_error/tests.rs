@@ -123,6 +123,30 @@ fn a_sample_of_infinite_deviation_is_left_out() {
     assert_eq!(weighted.estimate.outputs[0].compared, 119);
 }
 
+/// Over an interval of 2000 time constants one explicit step gives finite numbers of the wrong sign; the deviations are above zero all the same.
+#[test]
+fn deviations_of_a_stiff_model_are_judged_by_steps_that_follow_it() {
+    let text = "model fast { state x = 2; param level = 3; der(x) = 1000*(level - x); output y = x; noise y = 0.1*x; }";
+    let model = Model::from_text("fast.fdm", text).unwrap_or_else(|e| panic!("{e}"));
+    let (time, measured) = (vec![0.0, 2.0, 4.0], vec![2.1, 2.7, 3.2]);
+    let (name, inputs, held, input_gaps) = ("r".into(), Vec::new(), Vec::new(), Vec::new());
+    let run = Run { name, inputs, held, measured: measured.clone(), input_gaps, output_gaps: vec![0], time };
+    let options = FitOptions { options: Options { iterations: 0, ..Options::default() }, ..FitOptions::default() };
+    let judged = fit(&model, std::slice::from_ref(&run), &options, &mut ()).unwrap_or_else(|e| panic!("{e}"));
+    let density = |(z, y): (&f64, f64)| {
+        let deviation = 0.1 * y;
+        -0.5 * ((z - y) / deviation).powi(2) - deviation.ln() - 0.5 * std::f64::consts::TAU.ln()
+    };
+    let expected: f64 = measured.iter().zip([2.0, 3.0, 3.0]).map(density).sum();
+    assert!(judged.estimate.log_likelihood.is_some_and(|l| (l - expected).abs() < 1e-6), "{:?}", judged.estimate);
+    // one that is below zero is told
+    let below = model.with_params(
+        model.definition().params.iter().cloned().map(|p| fdm_grammar::model::Param { value: -3.0, ..p }).collect(),
+    );
+    let refused = fit(&below, &[run], &options, &mut ()).expect_err("a deviation below zero");
+    assert!(matches!(refused, FitError::Deviation { time, .. } if time == 2.0), "{refused}");
+}
+
 #[test]
 fn noise_of_one_size_can_be_asked_for_and_other_methods_refuse() {
     let mut normal = Normal(5);

@@ -140,3 +140,47 @@ fn an_interrupted_search_gives_the_best_start_that_it_knows() {
     }
     assert!(told > 5 && by.iter().any(|c| *c != by[0]), "{by:?}");
 }
+
+/// Stops the work when it has been asked so often.
+struct Patience(usize);
+
+impl Observer for Patience {
+    fn iteration(&mut self, _: &Iteration) -> ControlFlow<()> {
+        if self.0 == 0 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    }
+
+    fn stopped(&mut self) -> Option<Stop> {
+        self.0 = self.0.saturating_sub(1);
+        (self.0 == 0).then_some(Stop::TimeLimit)
+    }
+}
+
+/// Robertson's kinetics: the choice of its steps takes most of the time, and one step per interval cannot follow it.
+#[test]
+fn the_choice_of_steps_is_ended_too() {
+    let text = "model kinetics { state a = 1; state b = 0; state c = 0; param k = 0.05, s = 0.02; der(a) = 1e4*b*c - k*a; \
+                der(b) = k*a - 1e4*b*c - 3e7*b*b; der(c) = 3e7*b*b; output y = a; noise y = s*(1 + a); }";
+    let model = Model::from_text("kinetics.fdm", text).unwrap();
+    let time: Vec<f64> = (0..8).map(|k| if k == 0 { 0.0 } else { 4.0 * 10_f64.powi(k - 3) }).collect();
+    // of k = 0.04, about a hundredth off
+    let measured = vec![1.01, 0.985, 0.99, 0.9, 0.73, 0.445, 0.187, 0.0385];
+    let (name, inputs, held, input_gaps) = ("r".into(), Vec::new(), Vec::new(), Vec::new());
+    let run = Run { name, inputs, held, measured, input_gaps, output_gaps: vec![0], time };
+    let fitted = |patience: usize| {
+        let mut left = Patience(patience);
+        (fit(&model, std::slice::from_ref(&run), &FitOptions::default(), &mut left).unwrap(), left.0)
+    };
+    let (whole, left) = fitted(usize::MAX);
+    assert!(whole.is_good(), "{:?}", whole.estimate.termination);
+    let asked = usize::MAX - left;
+    assert!(asked > 500, "{asked}");
+    let k = |fit: &crate::Fit| fit.estimate.parameter("k", None).unwrap().value;
+    let mut unmoved = 0;
+    for patience in [2, 10, 50, asked / 4, asked / 2, asked / 4 * 3] {
+        let (cut, _) = fitted(patience);
+        assert_eq!(cut.estimate.termination, Termination::TimeLimit, "{patience} of {asked}");
+        assert!(k(&cut).is_finite() && !cut.is_good(), "{patience}");
+        unmoved += usize::from(k(&cut) == 0.05);
+    }
+    assert!(unmoved >= 3 && (k(&whole) - 0.04).abs() < 4e-3, "{unmoved} {}", k(&whole));
+}

@@ -57,7 +57,8 @@ pub(crate) fn screened(
     }
     let usable = |start: &Vec<Vec<f64>>| is_usable(model, runs, start, options);
     // the fit chooses steps with more care
-    let chosen = || chosen_steps(model, runs, &own, options).is_ok_and(|c| c.iter().all(|a| a.error.is_finite()));
+    let chosen =
+        || chosen_steps(model, runs, &own, options, &mut ()).is_ok_and(|c| c.iter().all(|a| a.error.is_finite()));
     if usable(&own) || chosen() {
         return own;
     }

@@ -37,7 +37,7 @@ const FINEST: f64 = 1e-13;
 /// [`Unsuited`] as for [`super::Simulator::new`]. A response that diverges with every step is not an error here: the answer has an
 /// infinite error and one step per interval.
 pub fn choose_steps(dynamics: &dyn Dynamics, run: &Run, theta: &[f64]) -> Result<Accuracy, Unsuited> {
-    choose(dynamics, run, theta, None, Aim::at(TOLERANCE))
+    choose(dynamics, run, theta, None, Aim::at(TOLERANCE), &|| true)
 }
 
 /// The same with another error that is of no consequence, as a part of each output's range: for comparisons in noise.
@@ -50,7 +50,7 @@ pub fn choose_steps_within(
     theta: &[f64],
     tolerance: f64,
 ) -> Result<Accuracy, Unsuited> {
-    choose(dynamics, run, theta, None, Aim::at(tolerance.max(TOLERANCE)))
+    choose(dynamics, run, theta, None, Aim::at(tolerance.max(TOLERANCE)), &|| true)
 }
 
 /// The same with a method of the user's choice.
@@ -63,7 +63,7 @@ pub fn choose_steps_by(
     theta: &[f64],
     scheme: Option<Scheme>,
 ) -> Result<Accuracy, Unsuited> {
-    choose(dynamics, run, theta, scheme, Aim::at(TOLERANCE))
+    choose(dynamics, run, theta, scheme, Aim::at(TOLERANCE), &|| true)
 }
 
 /// The same with the user's accuracy: the error that is of no consequence, as a part of each output's range.
@@ -77,7 +77,24 @@ pub fn choose_steps_to(
     scheme: Option<Scheme>,
     accuracy: f64,
 ) -> Result<Accuracy, Unsuited> {
-    choose(dynamics, run, theta, scheme, Aim::at(accuracy.max(FINEST)))
+    choose_steps_while(dynamics, run, theta, scheme, Some(accuracy), &|| true)
+}
+
+/// The same, with the usual accuracy where none is given, as long as `goes_on` says so. It is asked before every step that is tried; once
+/// it has said no, the answer is what was found by then, or one step per interval, and says nothing of the model.
+///
+/// # Errors
+/// As [`choose_steps`].
+pub fn choose_steps_while(
+    dynamics: &dyn Dynamics,
+    run: &Run,
+    theta: &[f64],
+    scheme: Option<Scheme>,
+    accuracy: Option<f64>,
+    goes_on: &dyn Fn() -> bool,
+) -> Result<Accuracy, Unsuited> {
+    let aim = Aim::at(accuracy.map_or(TOLERANCE, |accuracy| accuracy.max(FINEST)));
+    choose(dynamics, run, theta, scheme, aim, goes_on)
 }
 
 /// For one response that is looked at, not fitted: an error of 1e-6 of each output's range is good enough where less is dear;
@@ -92,12 +109,13 @@ pub fn choose_steps_once(
     scheme: Option<Scheme>,
 ) -> Result<Accuracy, Unsuited> {
     let aim = Aim { tolerance: TOLERANCE, enough: SOUND };
-    let found = choose(dynamics, run, theta, scheme, aim)?;
+    let found = choose(dynamics, run, theta, scheme, aim, &|| true)?;
     let hopeless = !found.error.is_finite() || found.error <= UNSOUND || scheme == Some(Scheme::Radau);
     if hopeless {
         return Ok(found);
     }
-    let choice = Choice { dynamics, run, theta, work: Work::of(dynamics.layout()), aim: Aim::at(SOUND) };
+    let (work, aim) = (Work::of(dynamics.layout()), Aim::at(SOUND));
+    let choice = Choice { dynamics, run, theta, work, aim, goes_on: &|| true };
     // an oscillation that no step has resolved yet looks alike with all of them: that is no reason to stop
     let finest = choice.equal(Scheme::RungeKutta, usize::MAX, usize::MAX)?;
     Ok(if finest.error < found.error { finest } else { found })
@@ -109,12 +127,13 @@ fn choose(
     theta: &[f64],
     scheme: Option<Scheme>,
     aim: Aim,
+    goes_on: &dyn Fn() -> bool,
 ) -> Result<Accuracy, Unsuited> {
     let layout = dynamics.layout();
     if layout.states == 0 || run.len() < 2 {
         return Ok(Accuracy { steps: 1.into(), error: 0.0 });
     }
-    let choice = Choice { dynamics, run, theta, work: Work::of(layout), aim };
+    let choice = Choice { dynamics, run, theta, work: Work::of(layout), aim, goes_on };
     match scheme {
         Some(Scheme::Radau) => {
             let least = Accuracy { steps: Steps::equal(Scheme::Radau, 1), error: f64::INFINITY };
@@ -145,6 +164,8 @@ struct Choice<'a> {
     theta: &'a [f64],
     work: Work,
     aim: Aim,
+    /// Whether there is time for more.
+    goes_on: &'a dyn Fn() -> bool,
 }
 
 /// Integration errors that are aimed at, as parts of an output's range.
@@ -235,7 +256,7 @@ impl Choice<'_> {
         let mut coarse = at(1)?;
         let mut best = Accuracy { steps: Steps::equal(scheme, 1), error: f64::INFINITY };
         let (mut fine, mut stalls) = (2, 0);
-        while fine / 2 <= most && fine * self.run.len() <= MOST_STEPS {
+        while fine / 2 <= most && fine * self.run.len() <= MOST_STEPS && (self.goes_on)() {
             let next = at(fine)?;
             if let (Ok(a), Ok(b)) = (&coarse, &next) {
                 let steps = Steps::equal(scheme, fine / 2);
@@ -283,7 +304,7 @@ impl Choice<'_> {
     /// Steps as long as accuracy allows; none when there are no such steps, or more than `most`.
     fn uneven(&self, scheme: Scheme, most: usize) -> Result<Option<Accuracy>, Unsuited> {
         let layout = self.dynamics.layout();
-        let at = |scheme| Probe::new(self.dynamics, self.run, self.theta, scheme);
+        let at = |scheme| Probe::new(self.dynamics, self.run, self.theta, scheme).asking(self.goes_on);
         let mut scales = Scales::new(layout.states, layout.outputs);
         if layout.states <= MOST_IMPLICIT {
             scales = step_control::measure(&mut at(Scheme::Radau), scales, self.most_uneven());
@@ -597,6 +618,36 @@ mod tests {
         let (by_k, by_l) = (4.0 / 1.2, -1.0 / 1.2);
         let last = &jacobian[8 * (run.len() - 1)..];
         assert!((last[0] / by_k - 1.0).abs() < 1e-6 && (last[1] / by_l - 1.0).abs() < 1e-6, "{last:?}");
+    }
+
+    /// Robertson's kinetics, whose steps are all chosen by trial: a search that is ended ends there, and leaves one step.
+    #[test]
+    fn a_choice_ends_when_it_is_told_to() {
+        let text = "model kinetics { state a = 1; state b = 0; state c = 0; der(a) = 1e4*b*c - 0.04*a; \
+                    der(b) = 0.04*a - 1e4*b*c - 3e7*b*b; der(c) = 3e7*b*b; output y = a; }";
+        let model = Model::from_text("kinetics.fdm", text).unwrap();
+        let time = vec![0.0, 1e2, 1e4];
+        let (measured, output_gaps) = (vec![0.0; time.len()], vec![0]);
+        let (name, inputs, held, input_gaps) = ("a".into(), Vec::new(), Vec::new(), Vec::new());
+        let run = Run { name, inputs, held, measured, input_gaps, output_gaps, time };
+        let theta = model.definition().start();
+        let asked = std::cell::Cell::new(0);
+        let choose = |most: usize| {
+            asked.set(0);
+            let goes_on = || {
+                asked.set(asked.get() + 1);
+                asked.get() <= most
+            };
+            choose_steps_while(model.dynamics(), &run, &theta, None, None, &goes_on).unwrap()
+        };
+        let whole = choose(usize::MAX);
+        let all = asked.get();
+        assert_eq!(whole, choose_steps(model.dynamics(), &run, &theta).unwrap());
+        assert!(whole.error <= 1e-8 && all > 300, "{all} {whole:?}");
+        for most in [0, 1, 20, 200] {
+            let cut = choose(most);
+            assert!(asked.get() < most + 300 && cut.error > 1e-8, "{most}: {} {cut:?}", asked.get());
+        }
     }
 
     /// An oscillation of 5000 rad/s between samples of 0.1 s.

@@ -255,6 +255,8 @@ pub(super) struct Probe<'a> {
     followers: Vec<Follower>,
     drive: Vec<f64>,
     steps: SingleStep,
+    /// Whether there is time for more steps; without any none can be taken.
+    goes_on: &'a dyn Fn() -> bool,
 }
 
 impl<'a> Probe<'a> {
@@ -270,7 +272,13 @@ impl<'a> Probe<'a> {
             followers: layout.delayed.iter().map(|_| Follower::default()).collect(),
             drive: vec![0.0; 3 * layout.drive()],
             steps,
+            goes_on: &|| true,
         }
+    }
+
+    /// Takes no more steps once `goes_on` says no.
+    pub(super) fn asking(self, goes_on: &'a dyn Fn() -> bool) -> Self {
+        Self { goes_on, ..self }
     }
 
     /// What the implicit method takes over from the steps before.
@@ -286,8 +294,11 @@ impl<'a> Probe<'a> {
         x.iter().chain(&self.known[layout.tau.clone()]).all(|v| v.is_finite())
     }
 
-    /// The step from one part of an interval to another; `false` when its end is not finite or cannot be found.
+    /// The step from one part of an interval to another; `false` when its end is not finite or cannot be found, or time is over.
     pub(super) fn step(&mut self, interval: usize, (begin, end): (f64, f64), x: &[f64], next: &mut [f64]) -> bool {
+        if !(self.goes_on)() {
+            return false;
+        }
         let (from, to) = (self.run.time[interval], self.run.time[interval + 1]);
         let (t, h) = (from + (to - from) * begin, (to - from) * (end - begin));
         self.feed(interval, (begin, end), (t, h));
