@@ -1,6 +1,6 @@
 //! Forward selection of effects, from the base model to a diagnosis.
 
-use super::acceptance::{cause, objection, rejected, separating};
+use super::acceptance::{cause, has_the_other_sign, objection, rejected, separating};
 use super::all_samples::AllSamples;
 use super::assessment::{ResidualRecords, against, beyond_noise, biased, output_gains, overlays, run_gains};
 use super::candidate_model::CandidateModel;
@@ -459,6 +459,13 @@ impl<'a> ForwardSelection<'a> {
                 Some(reason) => self.rejected.push(rejected(step, number, candidate, reason)),
             }
         }
+        if *self.runs.domain == Domain::Time {
+            let models = &comparison.models;
+            let best = models.iter().map(CandidateModel::score).fold(0.0, f64::max);
+            let near = |k: &usize| models[*k].score() > ASIDE * best && has_the_other_sign(step, &models[*k]);
+            let opposite: Vec<usize> = (0..models.len()).filter(near).collect();
+            self.put_aside(step, comparison, scales, (&opposite, p));
+        }
         let Some(next) = self.best_next_step(step, comparison, scales, &fit)? else { return Ok(None) };
         let k = next.candidate;
         self.set_aside(step, comparison, scales, (k, &fit, p));
@@ -499,7 +506,20 @@ impl<'a> ForwardSelection<'a> {
             let score = models[**k].score();
             **k != chosen && models[**k].class == Class::Mechanism && score > ASIDE * models[chosen].score()
         };
-        for k in fit.iter().filter(near).take(MOST_ASIDE) {
+        let near: Vec<usize> = fit.iter().filter(near).copied().collect();
+        self.put_aside(step, comparison, scales, (&near, p));
+    }
+
+    /// Keeps the first of these candidate models for the front.
+    fn put_aside(
+        &mut self,
+        step: &ForwardStep<'a>,
+        comparison: &Comparison,
+        scales: &SignalScales,
+        (chosen, p): (&[usize], f64),
+    ) {
+        let models = &comparison.models;
+        for k in chosen.iter().take(MOST_ASIDE) {
             let attached = &step.simulated[models[*k].candidate].attached;
             let Ok(current) = self.with_candidate(step, &models[*k], scales) else { continue };
             let mut accepted = self.accepted.clone();
@@ -574,14 +594,17 @@ impl<'a> ForwardSelection<'a> {
         // the written model over all samples, where the search compares a part of them
         let mut over_all: Option<WrittenModel> = None;
         let fitted_to_all = |written: &WrittenModel| problem.all.as_ref().and_then(|all| all.fitted_to(written).ok());
-        if !self.accepted.is_empty() {
+        if !self.accepted.is_empty() || !self.aside.is_empty() {
             (self.progress)("fitting the written models plainly");
             let path =
                 |accepted: &mut Vec<Accepted>, current: Arc<FittedModel>| -> Result<SearchPath, DiagnosisError> {
                     let split = split(&current, noise)?;
                     Ok(SearchPath { accepted: std::mem::take(accepted), current, split, aside: false })
                 };
-            let mut paths = vec![path(&mut self.accepted, grown)?];
+            let mut paths = match self.accepted.is_empty() {
+                true => Vec::new(),
+                false => vec![path(&mut self.accepted, grown)?],
+            };
             if let (Some(search), Some(reached)) = (&mut other, reached) {
                 paths.extend(path(&mut search.accepted, reached.current).ok());
             }
@@ -603,6 +626,8 @@ impl<'a> ForwardSelection<'a> {
                 (self.accepted, last, after, written) = (level.accepted, Some(level.current), level.split, Some(text));
             }
             self.rejected.extend(found.rejected);
+            let accepted = &self.accepted;
+            self.rejected.retain(|r| accepted.iter().all(|a| a.cause.place != r.place));
             if written.is_some() && !(self.goes_on)() {
                 end.stop();
             }

@@ -22,7 +22,8 @@ use super::acceptance::{at_bound, below_null};
 use super::all_samples::AllSamples;
 use super::elimination::{Accepted, rebuilt};
 use super::error::DiagnosisError;
-use super::fitted_model::{FittedModel, SplitFit, split_fit};
+use super::fitted_model::{FittedModel, SplitFit, split_fit, split_fit_within};
+use super::fitting::NOTHING;
 use super::free_motion::{Repeated, repeated_in_the_end};
 use super::initial_fit::{Thoroughness, plain_fit};
 use super::law_curve::LawModel;
@@ -208,9 +209,11 @@ impl FrontProblem<'_> {
     fn level(&self, path: usize, accepted: Vec<Accepted>, current: Arc<FittedModel>, split: SplitFit) -> Level {
         let (aside, written) = (false, Err(String::new()));
         let (over_all, repeats, predicted, error) = (None, None, None, None);
-        let mut level =
-            Level { path, aside, accepted, current, split, written, over_all, repeats, predicted, error };
+        let mut level = Level { path, aside, accepted, current, split, written, over_all, repeats, predicted, error };
         level.written = self.written(&level, Thoroughness::Near);
+        if let Some(split) = self.with_the_sign_of_physics(&level) {
+            level.split = split;
+        }
         if level.has(Class::StandIn) {
             level.repeats = repeated_in_the_end(
                 self.runs.train(),
@@ -219,6 +222,20 @@ impl FrontProblem<'_> {
             );
         }
         level
+    }
+
+    /// A model at the values of its plain fit, where these have the sign that physics has and the joint ones have not: the error of the model as it
+    /// was given may be told as noise.
+    fn with_the_sign_of_physics(&self, level: &Level) -> Option<SplitFit> {
+        let written = level.written.as_ref().ok()?;
+        let opposite = |model: &FittedModel, theta: &[f64]| {
+            let value = |p: &NewParam| model.model.definition().param(&p.name).map(|k| theta[k]);
+            level.accepted.iter().any(|a| below_null(&a.params, value).is_some())
+        };
+        let plain = &written.fitted;
+        let joint = opposite(&level.current, level.split.theta.first()?) && !opposite(plain, plain.theta.first()?);
+        let at = joint.then(|| split_fit_within(plain, self.runs, self.noise, (0, NOTHING)))?;
+        at.ok()
     }
 
     fn written(&self, level: &Level, thoroughness: Thoroughness) -> Result<WrittenModel, String> {
@@ -609,7 +626,8 @@ impl FrontProblem<'_> {
             // a model that has no response has no errors either
             fitted: match written {
                 None => {
-                    let (fitted, runs) = self.all.as_ref().map_or((self.first, self.runs), |all| (&all.first, all.runs));
+                    let (fitted, runs) =
+                        self.all.as_ref().map_or((self.first, self.runs), |all| (&all.first, all.runs));
                     Some(Shown { fitted, runs, training: 1.0, validation: Some(1.0) })
                 }
                 Some(written) => written,

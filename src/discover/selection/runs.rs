@@ -69,7 +69,8 @@ const KEPT: usize = 1_000;
 /// Part of the deviation of an input that may be lost, as its root mean square.
 const LOST: f64 = 1e-3;
 /// What is told of a search in time that compares a part of what was measured.
-const TOLD_IN_TIME: &str = "the errors of all models are told over all samples, and what is recommended is fitted to all of them";
+const TOLD_IN_TIME: &str =
+    "the errors of all models are told over all samples, and what is recommended is fitted to all of them";
 
 /// Every k-th sample of runs that are longer than a search with so many candidates needs, and what was left out, in a sentence. Where inputs
 /// need more samples than that, the outputs are compared at fewer. In time, of the rows between those stay in which an input bends: the
@@ -446,7 +447,8 @@ mod tests {
         for k in 0..50_000 {
             let to = found.time.partition_point(|t| *t < k as f64);
             let from = if found.time[to] == k as f64 { to } else { to - 1 };
-            let part = if to > from { (k as f64 - found.time[from]) / (found.time[to] - found.time[from]) } else { 0.0 };
+            let part =
+                if to > from { (k as f64 - found.time[from]) / (found.time[to] - found.time[from]) } else { 0.0 };
             let input = found.inputs[from] + part * (found.inputs[to] - found.inputs[from]);
             assert_eq!(input, stepped.inputs[k], "{k}");
             let measured = if to == from { found.measured[to] } else { f64::NAN };
