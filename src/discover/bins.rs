@@ -9,6 +9,7 @@
 //! Signals with their quadratures: what a gain and a phase make of a signal, in cosine bins.
 
 use fdm_numeric::fourier::{ComplexFft, CosineTransform};
+use fdm_system::record::even_grid::EvenGrid;
 use nalgebra::{DMatrix, DVector};
 use num_complex::Complex;
 use rayon::prelude::*;
@@ -50,26 +51,49 @@ pub struct Record {
 }
 
 /// Rows of a run at which something was measured, rising. Of a thousand directions nothing else is kept.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct MeasuredRows(Arc<[usize]>);
+#[derive(Debug, Clone, PartialEq)]
+pub struct MeasuredRows {
+    list: Arc<[usize]>,
+    /// Mean time between them, where the rows of the run are not even: a row may be there for its inputs alone.
+    interval: Option<f64>,
+}
 
 impl MeasuredRows {
-    /// Of measurements (N by q); none where something was measured at every row.
-    pub(super) fn of(measured: &[f64], channels: usize) -> Option<Self> {
+    /// Of measurements (N by q) at these times; none where something was measured at every row.
+    pub(super) fn of(measured: &[f64], channels: usize, time: &[f64]) -> Option<Self> {
         let rows: Vec<&[f64]> = measured.chunks_exact(channels.max(1)).collect();
         let list: Arc<[usize]> = (0..rows.len()).filter(|k| rows[*k].iter().any(|v| !v.is_nan())).collect();
-        (list.len() < rows.len()).then_some(Self(list))
+        if list.len() == rows.len() {
+            return None;
+        }
+        let even = EvenGrid::of(time).is_ok_and(|grid| grid.length() == time.len());
+        let ends = list.first().zip(list.last()).filter(|_| !even && list.len() > 1);
+        let interval = ends.map(|(first, last)| (time[*last] - time[*first]) / (list.len() - 1) as f64);
+        Some(Self { list, interval })
     }
 
     /// A signal (N by q) at these rows.
     pub(super) fn taken(rows: Option<&Self>, signal: Signals, channels: usize) -> Signals {
-        let Some(Self(list)) = rows else { return signal };
+        let Some(Self { list, .. }) = rows else { return signal };
         list.iter().flat_map(|k| &signal[k * channels..][..channels]).copied().collect()
+    }
+
+    /// The rows, and the time between them, where those of the run are not even.
+    pub(super) fn uneven(&self) -> Option<(&[usize], f64)> {
+        self.interval.map(|interval| (&*self.list, interval))
     }
 
     /// The place of a row among them.
     fn place(&self, row: usize) -> usize {
-        self.0.partition_point(|own| *own < row)
+        self.list.partition_point(|own| *own < row)
+    }
+
+    /// Time between samples at which an output was measured, in a run with rows so far apart.
+    pub(super) fn between(rows: Option<&Self>, samples: &[usize], interval: f64) -> f64 {
+        match rows.and_then(|rows| rows.interval.map(|own| (rows, own))) {
+            Some((rows, own)) => own * spacing(&samples.iter().map(|k| rows.place(*k)).collect::<Vec<_>>()),
+            None => interval * spacing(samples),
+        }
     }
 }
 
@@ -77,7 +101,7 @@ impl Record {
     /// A direction at all rows (N by q), zero where nothing was measured.
     pub(super) fn direction(&self, direction: usize, channels: usize) -> Cow<'_, [f64]> {
         let own = &self.directions[direction];
-        let Some(MeasuredRows(list)) = &self.rows else { return Cow::Borrowed(own) };
+        let Some(MeasuredRows { list, .. }) = &self.rows else { return Cow::Borrowed(own) };
         let mut whole = vec![0.0; self.residual.len()];
         for (k, values) in list.iter().zip(own.chunks_exact(channels)) {
             whole[k * channels..][..channels].copy_from_slice(values);
@@ -94,6 +118,18 @@ impl Record {
     /// Where directions hold these samples.
     fn places(&self, samples: &[usize]) -> Vec<usize> {
         samples.iter().map(|k| self.rows.as_ref().map_or(*k, |rows| rows.place(*k))).collect()
+    }
+
+    /// Leaves the rows at which something was measured, where those of the run are not even: which they are. Directions are not for this.
+    pub(super) fn where_measured(&mut self, channels: usize) -> Option<Vec<usize>> {
+        let rows = self.rows.take_if(|rows| rows.uneven().is_some())?;
+        let (list, interval) = rows.uneven()?;
+        let taken = |signal: &mut Signals| *signal = MeasuredRows::taken(Some(&rows), std::mem::take(signal), channels);
+        taken(&mut self.residual);
+        self.fitted.iter_mut().flatten().for_each(taken);
+        self.deviations.as_mut().map(taken);
+        (self.interval, self.directions) = (interval, Vec::new());
+        Some(list.to_vec())
     }
 
     /// Samples N.
@@ -205,14 +241,14 @@ impl OutputBins {
         }
         let mut residual = DVector::zeros(n - dropped);
         transform(&record.residual, &samples, residual.as_mut_slice());
-        let interval = record.interval * spacing(&samples);
+        let interval = MeasuredRows::between(record.rows.as_ref(), &samples, record.interval);
         let frequency = (dropped..n).map(|k| ordinal(k) / (2.0 * n as f64 * interval)).collect();
         Self { run, channel, samples, sampled: true, frequency, columns, residual }
     }
 }
 
 /// The usual distance between samples that follow each other.
-pub(super) fn spacing(samples: &[usize]) -> f64 {
+fn spacing(samples: &[usize]) -> f64 {
     let mut steps: Vec<usize> = samples.windows(2).map(|pair| pair[1] - pair[0]).collect();
     steps.sort_unstable();
     steps.get(steps.len() / 2).map_or(1.0, |step| *step as f64)

@@ -93,7 +93,7 @@ impl Band {
         }
         let (columns, residual) = band.gather(shared, shape);
         (band.products, band.residual) = (columns.tr_mul(&residual), residual.norm_squared());
-        band.factor = factored(gram(&columns), count, NEGLIGIBLE * shape.at(band.log_frequency));
+        band.factor = factored(&columns, NEGLIGIBLE * shape.at(band.log_frequency));
         Some(band)
     }
 
@@ -141,17 +141,27 @@ fn edges(parts: &[OutputPart], peaks: &[f64]) -> Vec<f64> {
     edges
 }
 
-/// R of as few rows as carry the products R'R of so many bins (Cholesky with pivots, ended where no more than this is left).
-fn factored(products: DMatrix<f64>, bins: usize, negligible: f64) -> DMatrix<f64> {
-    let size = products.nrows();
-    let mut left: Vec<f64> = products.diagonal().iter().copied().collect();
+/// Columns from which on only those products are made that are asked for: a narrow band has the rank of a few bins.
+const MANY: usize = 256;
+
+/// R of as few rows as carry the products R'R of columns (Cholesky with pivots, ended where no more than this is left).
+fn factored(columns: &DMatrix<f64>, negligible: f64) -> DMatrix<f64> {
+    let (bins, size) = columns.shape();
+    let products = (size < MANY || 2 * bins >= size).then(|| gram(columns));
+    let mut left: Vec<f64> = match &products {
+        Some(products) => products.diagonal().iter().copied().collect(),
+        None => columns.column_iter().map(|column| column.norm_squared()).collect(),
+    };
     let mut rows: Vec<DVector<f64>> = Vec::new();
     while rows.len() < size.min(bins) {
         let Some(pivot) = (0..size).max_by(|a, b| left[*a].total_cmp(&left[*b])) else { break };
         if left[pivot].is_nan() || left[pivot] <= negligible {
             break;
         }
-        let mut row = products.column(pivot).into_owned();
+        let mut row = match &products {
+            Some(products) => products.column(pivot).into_owned(),
+            None => columns.tr_mul(&columns.column(pivot)),
+        };
         rows.iter().for_each(|known| row.axpy(-known[pivot], known, 1.0));
         row /= left[pivot].sqrt();
         left.iter_mut().zip(row.iter()).for_each(|(left, value)| *left = (*left - value * value).max(0.0));
@@ -161,4 +171,29 @@ fn factored(products: DMatrix<f64>, bins: usize, negligible: f64) -> DMatrix<f64
     let mut all = DMatrix::zeros(rows.len(), size);
     all.row_iter_mut().zip(&rows).for_each(|(mut own, row)| own.tr_copy_from(row));
     all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Products that are made one by one carry as much as all of them made at once.
+    #[test]
+    fn a_narrow_band_of_many_columns_is_factored_by_what_is_asked_for() {
+        let (bins, size) = (40, 2 * MANY);
+        // twelve waves in all columns, and next to nothing beside them
+        let wave = |i: usize, k: usize| (i as f64 * (0.05 + 0.21 * k as f64) + k as f64).sin();
+        let weight = |k: usize, j: usize| ((j * (k + 3) + k) as f64 * 0.37).cos();
+        let columns = DMatrix::from_fn(bins, size, |i, j| {
+            (0..12).map(|k| wave(i, k) * weight(k, j)).sum::<f64>() + 1e-6 * wave(i, 13 + j % 7)
+        });
+        let factor = factored(&columns, 1e-7);
+        assert!((12..20).contains(&factor.nrows()), "{}", factor.nrows());
+        let (own, all) = (factor.transpose() * &factor, gram(&columns));
+        assert!((&own - &all).amax() < 1e-6 * all.amax(), "{}", (&own - &all).amax());
+        // of few columns all products are made: the same factor
+        let few = columns.columns(0, MANY - 1).into_owned();
+        let factor = factored(&few, 1e-7);
+        assert!((factor.transpose() * &factor - gram(&few)).amax() < 1e-6 * all.amax());
+    }
 }

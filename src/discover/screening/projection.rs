@@ -53,7 +53,9 @@ impl Frame {
     /// With the noise's density in every band.
     pub(super) fn new(shared: &Basis, bands: &Bands, density: &[f64]) -> Self {
         let factor = root(metric(bands, density, shared.width()));
-        let (fitted, directions) = (factor.tr_mul(&shared.fitted), factor.tr_mul(&shared.directions));
+        // products of matrices go by blocks, those by a transposed one column by column
+        let back = factor.transpose();
+        let (fitted, directions) = (&back * &shared.fitted, &back * &shared.directions);
         let combine = orthonormal(&gram(&fitted));
         let absorbed = combine.ncols();
         // all of Q: the first columns span what is fitted, the others the space beside it

@@ -59,6 +59,19 @@ pub(super) fn objection(step: &ForwardStep<'_>, candidate: &CandidateModel) -> O
     })
 }
 
+/// Whether nothing speaks against a mechanism but the sign that its joint fit has: the noise found may be the model's own error, and by
+/// plain errors the sign may be that of physics.
+pub(super) fn has_the_other_sign(step: &ForwardStep<'_>, candidate: &CandidateModel) -> bool {
+    let params = step.simulated[candidate.candidate].attached.params();
+    let value = |p: &NewParam| candidate.fitting.shared(&p.name).map(|e| e.value);
+    let loses = candidate.validation.as_ref().is_some_and(|(gain, _)| *gain < -LOSS);
+    candidate.class == Class::Mechanism
+        && candidate.score() >= LEAST
+        && candidate.gain >= SIZE
+        && !loses
+        && below_null(params, value).is_some()
+}
+
 /// A parameter that physics has at its null or above and a fit below, in a sentence.
 pub(super) fn below_null(params: &[NewParam], value: impl Fn(&NewParam) -> Option<f64>) -> Option<String> {
     let wrong = params.iter().filter(|p| p.positive).filter_map(|p| Some((p, value(p)?)));

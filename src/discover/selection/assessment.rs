@@ -6,7 +6,7 @@ use super::error::DiagnosisError;
 use super::fitted_model::{FittedModel, records};
 use super::forward_step::weigh;
 use super::predictor::Predictor;
-use super::runs::{Runs, interval};
+use super::runs::{Runs, at_rows, sampling};
 use super::whitening::CommonNoise;
 use crate::bins::{Record, Signals};
 use crate::diagnosis::{Biased, OutputGain, Overlay, RunGain};
@@ -17,11 +17,14 @@ use crate::lack_of_fit::{BinnedResidual, LackOfFit, RunResidual, lack_of_fit, la
 use fdm_estimate::{OutputFit, ParameterEstimate};
 use fdm_system::model::Model;
 use fdm_system::record::Run;
+use std::borrow::Cow;
 
 /// A model at its fit with the records of its runs.
 pub(super) struct ResidualRecords<'a> {
     current: &'a FittedModel,
-    runs: Runs<'a>,
+    runs: Cow<'a, [Run]>,
+    train: usize,
+    predictors: Cow<'a, [Predictor]>,
     theta: &'a [Vec<f64>],
     records: Vec<Record>,
 }
@@ -37,11 +40,22 @@ impl<'a> ResidualRecords<'a> {
     ) -> Result<Self, DiagnosisError> {
         let mut records = records(&current.model, runs.all, &current.predictors, theta)?;
         weigh(&mut records, runs.all, noise.growths());
-        Ok(Self { current, runs, theta, records })
+        let (mut own, mut predictors) = (Cow::Borrowed(runs.all), Cow::Borrowed(&current.predictors[..]));
+        // rows that are there for their inputs alone are no samples of a residual
+        if records.iter().any(|record| record.rows.as_ref().is_some_and(|rows| rows.uneven().is_some())) {
+            let of = |(run, record): (&Run, &mut Record)| match record.where_measured(current.outputs()) {
+                Some(rows) => at_rows(run, &rows),
+                None => run.clone(),
+            };
+            let measured: Vec<Run> = runs.all.iter().zip(&mut records).map(of).collect();
+            predictors = Cow::Owned(Predictor::all(&current.model, Runs { all: &measured, ..runs }, theta)?);
+            own = Cow::Owned(measured);
+        }
+        Ok(Self { current, runs: own, train: runs.train, predictors, theta, records })
     }
 
     fn passages<'b>(&'b self) -> Vec<FittedRun<'b>> {
-        let parts = self.runs.all.iter().zip(&self.current.predictors).zip(self.theta.iter().zip(&self.records));
+        let parts = self.runs.iter().zip(&*self.predictors).zip(self.theta.iter().zip(&self.records));
         let of = |((run, predictor), (theta, record)): ((_, &'b Predictor), (&'b Vec<f64>, _))| {
             Some(FittedRun { run, steps: predictor.steps()?, theta, record })
         };
@@ -50,14 +64,14 @@ impl<'a> ResidualRecords<'a> {
 
     /// What is wrong, in every output, on the training runs.
     pub(super) fn lack_of_fit(&self) -> Vec<LackOfFit> {
-        let predictors = self.current.predictors.iter().zip(&self.records).take(self.runs.train);
+        let predictors = self.predictors.iter().zip(&self.records).take(self.train);
         let bins: Vec<BinnedResidual> =
             predictors.filter_map(|(predictor, record)| predictor.passage(record)).collect();
         if !bins.is_empty() {
             return lack_of_fit_of_bins(&self.current.model, &bins);
         }
         let mut left = Vec::new();
-        for (run, record) in self.runs.all.iter().zip(&self.records).take(self.runs.train) {
+        for (run, record) in self.runs.iter().zip(&self.records).take(self.train) {
             left.push(RunResidual { run, residual: &record.residual, interval: record.interval });
         }
         lack_of_fit(&self.current.model, &left)
@@ -109,14 +123,13 @@ pub(super) fn run_gains(
     runs.iter().enumerate().map(of).collect()
 }
 
-/// How each output of each run is matched by two responses.
+/// How each output of each run is matched by two responses; the noise was found in the samples of `told_by`.
 pub(super) fn output_gains(
     model: &Model,
-    runs: &[Run],
-    train: usize,
+    (runs, train): (&[Run], usize),
     predictors: &[Predictor],
     (before, after): (&[Signals], &[Signals]),
-    noise: &CommonNoise,
+    (noise, told_by): (&CommonNoise, &[Run]),
 ) -> Vec<OutputGain> {
     let outputs = &model.definition().outputs;
     let q = outputs.len();
@@ -139,7 +152,10 @@ pub(super) fn output_gains(
                 rms_after: b.rms.map(|rms| spread * rms),
                 noise_floor: match &frequencies {
                     Some(own) => spread * noise.floor_of(o, own),
-                    None => noise.floor(o, run.len(), interval(run)),
+                    None => {
+                        let (n, interval) = sampling(&told_by[r], (o, q));
+                        noise.floor(o, n, interval)
+                    }
                 },
                 tic_before: a.tic,
                 tic_after: b.tic,

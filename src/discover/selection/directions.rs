@@ -26,6 +26,8 @@ use std::sync::Arc;
 const MOST_POINTS: usize = 120;
 /// Part of a direction by which halving the steps may move it.
 pub(super) const ACCURATE: f64 = 0.02;
+/// Steps of all points over all runs from which machine code saves time.
+const LONG: usize = 10_000;
 /// Times that steps are halved.
 pub(super) const MOST_HALVINGS: usize = 3;
 
@@ -128,8 +130,10 @@ pub(super) fn candidate_directions(
     for (k, at) in attached.new.iter().enumerate() {
         definition.params[*at].fixed = !differentiated(k);
     }
-    let dynamics = compile(&Schedule::new(&mut definition), Engine::Tape);
     let steps: Vec<Steps> = current.predictors.iter().filter_map(|predictor| predictor.steps().cloned()).collect();
+    let whole: usize = steps.iter().zip(runs.train()).map(|(steps, run)| steps.total(run.len())).sum();
+    let engine = if whole * points.len() < LONG { Engine::Tape } else { Engine::Jit };
+    let dynamics = compile(&Schedule::new(&mut definition), engine);
     let simulation =
         CandidateSimulation { current, own: &steps, runs: runs.train(), attached: &attached, dynamics: &*dynamics };
     let (points, signals, steps) = simulation.signals(points)?;
@@ -268,7 +272,8 @@ impl CandidateSimulation<'_> {
 
     fn run(&self, r: usize, steps: &Steps) -> Option<RunSimulation<'_>> {
         let simulator = Simulator::new(self.dynamics, &self.runs[r], steps.clone()).ok()?;
-        let rows = MeasuredRows::of(&self.runs[r].measured, simulator.outputs());
+        let run = &self.runs[r];
+        let rows = MeasuredRows::of(&run.measured, simulator.outputs(), &run.time);
         Some(RunSimulation {
             simulation: self,
             r,

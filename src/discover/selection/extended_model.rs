@@ -5,7 +5,7 @@
 use super::error::DiagnosisError;
 use super::fitted_model::FittedModel;
 use super::predictor::Predictor;
-use super::runs::{Runs, interval};
+use super::runs::{Runs, interval, is_even};
 use crate::diagnosis::EffectAt;
 use fdm_grammar::effect::{Beginning, Candidate, Choice, Extension, NewParam, Scales};
 use fdm_grammar::forced::Role;
@@ -205,9 +205,11 @@ impl Signal {
         let (mut sizes, mut levels, mut speeds) = (Vec::new(), Vec::new(), Vec::new());
         for (values, run) in columns.iter().zip(runs) {
             let dt = interval(run);
+            let even = is_even(run);
             sizes.extend(values.iter().map(|v| v.abs()));
             levels.extend(values.iter().copied().filter(|v| v.is_finite()));
-            speeds.extend(values.windows(2).map(|w| (w[1] - w[0]).abs() / dt));
+            let passed = run.time.windows(2).map(|t| if even { dt } else { t[1] - t[0] });
+            speeds.extend(values.windows(2).zip(passed).map(|(w, dt)| (w[1] - w[0]).abs() / dt));
         }
         let first = columns.iter().map(|v| v.first().copied().unwrap_or(0.0)).collect();
         levels.sort_by(f64::total_cmp);

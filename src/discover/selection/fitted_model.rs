@@ -5,9 +5,9 @@
 use super::error::DiagnosisError;
 use super::fitting::{FitProblem, Fitting, NOTHING};
 use super::predictor::Predictor;
-use super::runs::Runs;
+use super::runs::{Runs, at_rows};
 use super::whitening::CommonNoise;
-use crate::bins::{Record, Signals};
+use crate::bins::{MeasuredRows, Record, Signals};
 use crate::diagnosis::FrequencyDomain;
 use crate::noise::LogSpectrum;
 use crate::screening::{
@@ -42,6 +42,28 @@ impl FittedModel {
             |((run, theta), predictor): ((_, &Vec<f64>), &Predictor)| predictor.answer(model.dynamics(), run, theta);
         let response = runs.all.iter().zip(&theta).zip(&predictors).map(of).collect::<Result<_, _>>()?;
         Ok(Self { model, subject, theta, predictors, response })
+    }
+
+    /// The model at the rows at which something was measured, and these runs; none where all rows are such, or the others stand between
+    /// even ones.
+    pub(super) fn where_measured(&self, runs: Runs<'_>) -> Option<(Vec<Run>, Self)> {
+        let q = self.outputs();
+        let rows = |run: &Run| MeasuredRows::of(&run.measured, q, &run.time);
+        let all: Vec<Option<MeasuredRows>> = runs.all.iter().map(rows).collect();
+        if self.spectral().is_some() || !all.iter().flatten().any(|rows| rows.uneven().is_some()) {
+            return None;
+        }
+        let few = |(run, rows): (&Run, &Option<MeasuredRows>)| match rows.as_ref().and_then(MeasuredRows::uneven) {
+            Some((list, _)) => at_rows(run, list),
+            None => run.clone(),
+        };
+        let some: Vec<Run> = runs.all.iter().zip(&all).map(few).collect();
+        let mut found = Self::new(self.model.clone(), Runs { all: &some, ..runs }, self.theta.clone()).ok()?;
+        for ((own, whole), rows) in found.response.iter_mut().zip(&self.response).zip(&all) {
+            let rows = rows.as_ref().filter(|rows| rows.uneven().is_some());
+            *own = MeasuredRows::taken(rows, whole.clone(), q);
+        }
+        Some((some, found))
     }
 
     /// Number of outputs.

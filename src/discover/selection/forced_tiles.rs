@@ -271,7 +271,7 @@ impl<'a> Tiles<'a> {
         let stride = tile.columns.len().next_multiple_of(8);
         let (mut y, mut jacobian) = (vec![0.0; cells], vec![0.0; cells * stride]);
         simulator.sensitivities(&theta, &tile.columns, &mut y, &mut jacobian).ok()?;
-        let rows = MeasuredRows::of(&run.measured, simulator.outputs());
+        let rows = MeasuredRows::of(&run.measured, simulator.outputs(), &run.time);
         let whole = |c: usize| jacobian.chunks_exact(stride).map(|row| row[c]).collect();
         let column = |c: usize| MeasuredRows::taken(rows.as_ref(), whole(c), simulator.outputs());
         Some((0..tile.columns.len()).map(column).collect())

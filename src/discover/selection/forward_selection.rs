@@ -1,6 +1,7 @@
 //! Forward selection of effects, from the base model to a diagnosis.
 
-use super::acceptance::{cause, objection, rejected, separating};
+use super::acceptance::{cause, has_the_other_sign, objection, rejected, separating};
+use super::all_samples::AllSamples;
 use super::assessment::{ResidualRecords, against, beyond_noise, biased, output_gains, overlays, run_gains};
 use super::candidate_model::CandidateModel;
 use super::coefficient_table::TableModel;
@@ -91,7 +92,10 @@ pub fn diagnose_while(
     let (all, notes): (Vec<Run>, Vec<Option<String>>) = found.into_iter().unzip();
     let mut notes: Vec<String> = notes.into_iter().flatten().collect();
     let subject = Subject::new(model.source(), model.definition()).map_err(DiagnosisError::Text)?;
-    let (all, fewer) = thinned(all, model.layout().outputs, catalogue.places(&subject).candidates.len());
+    let whole = all.clone();
+    let candidates = catalogue.places(&subject).candidates.len();
+    let (all, fewer) = thinned(all, model.layout().outputs, candidates, &options.domain);
+    let whole = if fewer.is_some() && options.domain == Domain::Time { whole } else { Vec::new() };
     notes.extend(fewer);
     let domain = options.domain.settled(&changed(model, &options.fit.changes)?, &all[..runs.len()])?;
     let runs = Runs { all: &all, train: runs.len(), domain: &domain };
@@ -105,7 +109,8 @@ pub fn diagnose_while(
     let own = names(model);
     let mut firsts = initial_fits(model, runs, options, goes_on)?.into_iter();
     let from = |first: FittedModel| {
-        let shared = Shared { runs, catalogue, options, progress, goes_on, own: &own };
+        let whole = Some(Runs { all: &whole, ..runs }).filter(|whole| !whole.all.is_empty());
+        let shared = Shared { runs, whole, catalogue, options, progress, goes_on, own: &own };
         ForwardSelection::new(&shared, None).run(first)
     };
     let likeliest = firsts.next().ok_or_else(|| DiagnosisError::NoFit("it has no end".into()))?;
@@ -128,6 +133,8 @@ pub fn diagnose_while(
 #[derive(Clone, Copy)]
 struct Shared<'a> {
     runs: Runs<'a>,
+    /// All samples, where `runs` are a part of them.
+    whole: Option<Runs<'a>>,
     catalogue: &'a Catalogue,
     options: &'a DiagnosisOptions,
     progress: &'a Progress<'a>,
@@ -452,6 +459,13 @@ impl<'a> ForwardSelection<'a> {
                 Some(reason) => self.rejected.push(rejected(step, number, candidate, reason)),
             }
         }
+        if *self.runs.domain == Domain::Time {
+            let models = &comparison.models;
+            let best = models.iter().map(CandidateModel::score).fold(0.0, f64::max);
+            let near = |k: &usize| models[*k].score() > ASIDE * best && has_the_other_sign(step, &models[*k]);
+            let opposite: Vec<usize> = (0..models.len()).filter(near).collect();
+            self.put_aside(step, comparison, scales, (&opposite, p));
+        }
         let Some(next) = self.best_next_step(step, comparison, scales, &fit)? else { return Ok(None) };
         let k = next.candidate;
         self.set_aside(step, comparison, scales, (k, &fit, p));
@@ -492,7 +506,20 @@ impl<'a> ForwardSelection<'a> {
             let score = models[**k].score();
             **k != chosen && models[**k].class == Class::Mechanism && score > ASIDE * models[chosen].score()
         };
-        for k in fit.iter().filter(near).take(MOST_ASIDE) {
+        let near: Vec<usize> = fit.iter().filter(near).copied().collect();
+        self.put_aside(step, comparison, scales, (&near, p));
+    }
+
+    /// Keeps the first of these candidate models for the front.
+    fn put_aside(
+        &mut self,
+        step: &ForwardStep<'a>,
+        comparison: &Comparison,
+        scales: &SignalScales,
+        (chosen, p): (&[usize], f64),
+    ) {
+        let models = &comparison.models;
+        for k in chosen.iter().take(MOST_ASIDE) {
             let attached = &step.simulated[models[*k].candidate].attached;
             let Ok(current) = self.with_candidate(step, &models[*k], scales) else { continue };
             let mut accepted = self.accepted.clone();
@@ -557,17 +584,27 @@ impl<'a> ForwardSelection<'a> {
         let noise = &end.noise.clone();
         let (first, before) = (&*first, split(&first, noise)?);
         let (runs, options, goes_on) = (self.runs, self.options, self.goes_on);
-        let problem = FrontProblem { first, runs, noise, options, goes_on };
+        let all = self.shared.whole.and_then(|whole| {
+            (self.progress)("fitting the model as it was given to all samples");
+            AllSamples::new(first, whole, (options, goes_on))
+        });
+        let problem = FrontProblem { first, runs, noise, options, goes_on, all };
         let (mut last, mut after, mut written, mut front, mut confirmed) =
             (None, before.clone(), None, Vec::new(), false);
-        if !self.accepted.is_empty() {
+        // the written model over all samples, where the search compares a part of them
+        let mut over_all: Option<WrittenModel> = None;
+        let fitted_to_all = |written: &WrittenModel| problem.all.as_ref().and_then(|all| all.fitted_to(written).ok());
+        if !self.accepted.is_empty() || !self.aside.is_empty() {
             (self.progress)("fitting the written models plainly");
             let path =
                 |accepted: &mut Vec<Accepted>, current: Arc<FittedModel>| -> Result<SearchPath, DiagnosisError> {
                     let split = split(&current, noise)?;
                     Ok(SearchPath { accepted: std::mem::take(accepted), current, split, aside: false })
                 };
-            let mut paths = vec![path(&mut self.accepted, grown)?];
+            let mut paths = match self.accepted.is_empty() {
+                true => Vec::new(),
+                false => vec![path(&mut self.accepted, grown)?],
+            };
             if let (Some(search), Some(reached)) = (&mut other, reached) {
                 paths.extend(path(&mut search.accepted, reached.current).ok());
             }
@@ -585,9 +622,12 @@ impl<'a> ForwardSelection<'a> {
                 if let Some(search) = other.filter(|_| (1..searches).contains(&level.path)) {
                     (self.steps, self.rejected) = (search.steps, search.rejected);
                 }
+                over_all = level.over_all.and_then(Result::ok);
                 (self.accepted, last, after, written) = (level.accepted, Some(level.current), level.split, Some(text));
             }
             self.rejected.extend(found.rejected);
+            let accepted = &self.accepted;
+            self.rejected.retain(|r| accepted.iter().all(|a| a.cause.place != r.place));
             if written.is_some() && !(self.goes_on)() {
                 end.stop();
             }
@@ -631,7 +671,7 @@ impl<'a> ForwardSelection<'a> {
         if let Some(reason) = overruled {
             self.withdraw(reason);
             front.iter_mut().for_each(|model| model.recommended = false);
-            (last, new, written) = (None, old.clone(), None);
+            (last, new, written, over_all) = (None, old.clone(), None, None);
         }
         // a law without a name, as a table in the text; recommended where nothing else is. Beside effects it is fitted where it is likelier
         let law = evidence.as_ref().filter(|_| (self.goes_on)()).and_then(|e| e.nonlinearities.curve());
@@ -652,6 +692,7 @@ impl<'a> ForwardSelection<'a> {
                 if told.recommended {
                     new.clone_from(&law.written.fitted.response);
                     curve = Some(law.current);
+                    over_all = fitted_to_all(&law.written);
                     written = Some(law.written);
                 }
                 if front.is_empty() {
@@ -679,6 +720,7 @@ impl<'a> ForwardSelection<'a> {
                         None => told.extend(sentences),
                     }
                     new.clone_from(&table.curve.written.fitted.response);
+                    over_all = fitted_to_all(&table.curve.written);
                     written = Some(table.curve.written);
                 }
                 if front.is_empty() {
@@ -688,7 +730,15 @@ impl<'a> ForwardSelection<'a> {
             }
         }
         // as a plain fit of the model has them, and as a simulation of what is written
-        let plain = (&first.response[..], written.as_ref().map_or(&first.response[..], |w| &w.fitted.response[..]));
+        let whole = problem.all.as_ref().filter(|_| over_all.is_some() || written.is_none());
+        let (given, runs) = whole.map_or((first, self.runs), |whole| (&whole.first, whole.runs));
+        let printed = over_all.as_ref().or(written.as_ref());
+        let plain = (&given.response[..], printed.map_or(&given.response[..], |w| &w.fitted.response[..]));
+        let outputs = output_gains(&first.model, (runs.all, train), &given.predictors, plain, (noise, self.runs.all));
+        let drawn = whole.map(|whole| (whole.at_times_of(all, plain.0), whole.at_times_of(all, plain.1)));
+        let drawn = drawn.as_ref().map_or(plain, |(before, after)| (before, after));
+        let overlays = overlays(all, train, &first.predictors, drawn);
+        let extended = printed.map(|written| written.text.clone());
         if let Some(attribution) = &mut attribution {
             attribution.warnings.extend(one_law(&self.accepted));
             if attribution.verdict == Origin::Disturbance && verdict == Verdict::EffectFound {
@@ -700,7 +750,11 @@ impl<'a> ForwardSelection<'a> {
         }
         let suggestions = if verdict == Verdict::UnknownCause { residuals.suggestions() } else { None };
         let found = !self.accepted.is_empty();
-        let feedback = feedback(last.as_ref().map_or(first, |current| current), self.runs, &end.detectable);
+        let current = last.as_ref().map_or(first, |current| current);
+        let feedback = match current.where_measured(self.runs) {
+            Some((rows, current)) => feedback(&current, Runs { all: &rows, ..self.runs }, &end.detectable),
+            None => feedback(current, self.runs, &end.detectable),
+        };
         let diagnosis = Diagnosis {
             verdict,
             family_wise_p: end.family_wise,
@@ -711,11 +765,11 @@ impl<'a> ForwardSelection<'a> {
             detectable: end.detectable,
             left_out: end.left_out,
             biased: if found { biased(&before.fitting.estimates, &after.fitting.estimates) } else { Vec::new() },
-            outputs: output_gains(&first.model, all, train, &first.predictors, plain, noise),
-            overlays: overlays(all, train, &first.predictors, plain),
+            outputs,
+            overlays,
             gains: if found { run_gains(all, train, &first.predictors, (&old, &new), noise) } else { Vec::new() },
             noise_knots: end.knots,
-            extended: written.map(|written| written.text),
+            extended,
             ended: end.ended,
             stopped: end.stopped,
             lack_of_fit,
@@ -780,7 +834,7 @@ impl<'a> ForwardSelection<'a> {
         }
         let (runs, train, q) = (self.runs.train(), self.runs.train, first.outputs());
         let plain = (&first.response[..train], &first.response[..train]);
-        let outputs = output_gains(&first.model, runs, train, &first.predictors[..train], plain, noise);
+        let outputs = output_gains(&first.model, (runs, train), &first.predictors[..train], plain, (noise, runs));
         let left =
             |(run, y): (&Run, &Vec<f64>)| -> Vec<f64> { run.measured.iter().zip(y).map(|(z, y)| z - y).collect() };
         let left: Vec<Vec<f64>> = runs.iter().zip(&first.response).map(left).collect();

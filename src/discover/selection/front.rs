@@ -19,9 +19,11 @@
 //! than the best set of mechanisms.
 
 use super::acceptance::{at_bound, below_null};
+use super::all_samples::AllSamples;
 use super::elimination::{Accepted, rebuilt};
 use super::error::DiagnosisError;
-use super::fitted_model::{FittedModel, SplitFit, split_fit};
+use super::fitted_model::{FittedModel, SplitFit, split_fit, split_fit_within};
+use super::fitting::NOTHING;
 use super::free_motion::{Repeated, repeated_in_the_end};
 use super::initial_fit::{Thoroughness, plain_fit};
 use super::law_curve::LawModel;
@@ -56,6 +58,8 @@ pub(super) struct FrontProblem<'a> {
     pub(super) noise: &'a CommonNoise,
     pub(super) options: &'a DiagnosisOptions,
     pub(super) goes_on: &'a GoesOn<'a>,
+    /// All samples, where `runs` are a part of them.
+    pub(super) all: Option<AllSamples<'a>>,
 }
 
 /// Where a search ended.
@@ -79,6 +83,8 @@ pub(super) struct Level {
     /// Its joint fit by the noise.
     pub(super) split: SplitFit,
     written: Result<WrittenModel, String>,
+    /// The same over all samples, where the search compares a part of them.
+    pub(super) over_all: Option<Result<WrittenModel, String>>,
     /// What a stand-in among its effects says once more of the free motion of the model as it was given.
     repeats: Option<Repeated>,
     /// What it predicts.
@@ -110,7 +116,10 @@ struct Prediction {
 
 impl Level {
     fn objection(&self) -> Option<String> {
-        match &self.written {
+        if let Some(Err(why)) = &self.over_all {
+            return Some(why.clone());
+        }
+        match self.shown() {
             Ok(written) => written.objection().or_else(|| {
                 let (model, theta) = (&written.fitted.model, &written.fitted.theta[0]);
                 let value = |p: &NewParam| model.definition().param(&p.name).map(|k| theta[k]);
@@ -119,6 +128,14 @@ impl Level {
                 self.accepted.iter().find_map(of).or_else(repeats).or_else(|| worse(self.error))
             }),
             Err(why) => Some(why.clone()),
+        }
+    }
+
+    /// What is told of it: over all samples where it is known there.
+    fn shown(&self) -> &Result<WrittenModel, String> {
+        match &self.over_all {
+            Some(over_all @ Ok(_)) => over_all,
+            _ => &self.written,
         }
     }
 
@@ -159,12 +176,20 @@ fn worse(error: Option<f64>) -> Option<String> {
 struct Told<'a> {
     effects: Vec<EffectAt>,
     parameters: usize,
-    /// With its squared errors on training and on validation runs, as parts of those of the model as it was given.
-    fitted: Option<(&'a FittedModel, f64, Option<f64>)>,
+    fitted: Option<Shown<'a>>,
     /// Squared error of the prediction of runs that were not fitted, the same part; without validation runs.
     predicted: Option<f64>,
     recommended: bool,
     objection: Option<String>,
+}
+
+/// A model and the runs it is told of.
+struct Shown<'a> {
+    fitted: &'a FittedModel,
+    runs: Runs<'a>,
+    /// Its squared errors on training and on validation runs, as parts of those of the model as it was given.
+    training: f64,
+    validation: Option<f64>,
 }
 
 /// What came of a front.
@@ -183,9 +208,12 @@ pub(super) struct Front {
 impl FrontProblem<'_> {
     fn level(&self, path: usize, accepted: Vec<Accepted>, current: Arc<FittedModel>, split: SplitFit) -> Level {
         let (aside, written) = (false, Err(String::new()));
-        let mut level =
-            Level { path, aside, accepted, current, split, written, repeats: None, predicted: None, error: None };
+        let (over_all, repeats, predicted, error) = (None, None, None, None);
+        let mut level = Level { path, aside, accepted, current, split, written, over_all, repeats, predicted, error };
         level.written = self.written(&level, Thoroughness::Near);
+        if let Some(split) = self.with_the_sign_of_physics(&level) {
+            level.split = split;
+        }
         if level.has(Class::StandIn) {
             level.repeats = repeated_in_the_end(
                 self.runs.train(),
@@ -194,6 +222,20 @@ impl FrontProblem<'_> {
             );
         }
         level
+    }
+
+    /// A model at the values of its plain fit, where these have the sign that physics has and the joint ones have not: the error of the model as it
+    /// was given may be told as noise.
+    fn with_the_sign_of_physics(&self, level: &Level) -> Option<SplitFit> {
+        let written = level.written.as_ref().ok()?;
+        let opposite = |model: &FittedModel, theta: &[f64]| {
+            let value = |p: &NewParam| model.model.definition().param(&p.name).map(|k| theta[k]);
+            level.accepted.iter().any(|a| below_null(&a.params, value).is_some())
+        };
+        let plain = &written.fitted;
+        let joint = opposite(&level.current, level.split.theta.first()?) && !opposite(plain, plain.theta.first()?);
+        let at = joint.then(|| split_fit_within(plain, self.runs, self.noise, (0, NOTHING)))?;
+        at.ok()
     }
 
     fn written(&self, level: &Level, thoroughness: Thoroughness) -> Result<WrittenModel, String> {
@@ -234,10 +276,17 @@ impl FrontProblem<'_> {
             let again = written_model(&levels[k].current, &from, &self.first.response, asked, Thoroughness::Once);
             let again = again.or_else(|_| self.written(&levels[k], Thoroughness::Whole));
             levels[k].written = again;
+            if let Some(all) = self.all.as_ref().filter(|_| levels[k].objection().is_none()) {
+                levels[k].over_all = levels[k].written.as_ref().ok().map(|written| all.fitted_to(written));
+            }
             if levels[k].objection().is_none() {
                 break;
             }
             chosen = self.chosen(&levels, &naive.naive);
+        }
+        if let Some(all) = self.all.as_ref() {
+            let open = levels.par_iter_mut().filter(|level| level.over_all.is_none() && (self.goes_on)());
+            open.for_each(|level| level.over_all = level.written.as_ref().ok().map(|written| all.told_of(written)));
         }
         let told_of = Some(&naive).filter(|n| !n.fitted).map(|n| &n.naive);
         let mut models = vec![self.described(None, false, told_of)];
@@ -464,11 +513,13 @@ impl FrontProblem<'_> {
         let (fitted, asked) = (&law.written.fitted, Thoroughness::Once);
         let predicted = self.predicted(&law.current, (fitted, &fitted.theta), asked);
         let error = self.predicted_as_given().zip(predicted).map(|(naive, own)| self.relative(&own, &naive));
-        let objection = law.written.objection().or_else(|| worse(error));
+        let over_all = self.all.as_ref().and_then(|all| all.told_of(&law.written).ok());
+        let written = over_all.as_ref().unwrap_or(&law.written);
+        let objection = written.objection().or_else(|| worse(error));
         self.told(Told {
             effects: vec![law.place.clone()],
             parameters: law.parameters,
-            fitted: Some((fitted, law.written.training, law.written.validation)),
+            fitted: Some(self.shown(written, over_all.is_some())),
             predicted: error.filter(|_| self.runs.validation().is_empty()),
             recommended: false,
             objection,
@@ -567,15 +618,19 @@ impl FrontProblem<'_> {
 
     /// For the table: a level, or the model as it was given.
     fn described(&self, level: Option<&Level>, recommended: bool, naive: Option<&Predicted>) -> FrontModel {
-        let written = level.map(|l| l.written.as_ref().ok());
+        let written = level.map(|l| l.shown().as_ref().ok().map(|w| self.shown(w, matches!(l.over_all, Some(Ok(_))))));
         let (train, all) = (self.runs.train, self.runs.all.len());
         self.told(Told {
             effects: level.map_or(Vec::new(), |l| l.accepted.iter().map(|a| a.cause.place.clone()).collect()),
             parameters: level.map_or(0, Level::size),
             // a model that has no response has no errors either
             fitted: match written {
-                None => Some((self.first, 1.0, Some(1.0))),
-                Some(written) => written.map(|w| (&w.fitted, w.training, w.validation)),
+                None => {
+                    let (fitted, runs) =
+                        self.all.as_ref().map_or((self.first, self.runs), |all| (&all.first, all.runs));
+                    Some(Shown { fitted, runs, training: 1.0, validation: Some(1.0) })
+                }
+                Some(written) => written,
             },
             predicted: naive.filter(|_| train == all).and_then(|naive| match level {
                 None => Some(1.0),
@@ -586,6 +641,12 @@ impl FrontProblem<'_> {
         })
     }
 
+    /// A written model with the runs it is told of.
+    fn shown<'s>(&'s self, written: &'s WrittenModel, over_all: bool) -> Shown<'s> {
+        let runs = self.all.as_ref().filter(|_| over_all).map_or(self.runs, |all| all.runs);
+        Shown { fitted: &written.fitted, runs, training: written.training, validation: written.validation }
+    }
+
     /// A line of the table.
     fn told(&self, told: Told<'_>) -> FrontModel {
         let Told { effects, parameters, fitted, predicted, recommended, objection } = told;
@@ -594,8 +655,8 @@ impl FrontProblem<'_> {
             sums.map(|s| s[o]).filter(|(_, count)| *count > 0).map(|(sum, count)| (sum / count as f64).sqrt())
         };
         let of = |judged: std::ops::Range<usize>| {
-            let own = fitted.as_ref().filter(|_| !judged.is_empty())?;
-            Some(squares(own.0, &own.0.response, self.runs, judged))
+            let Shown { fitted, runs, .. } = fitted.as_ref().filter(|_| !judged.is_empty())?;
+            Some(squares(fitted, &fitted.response, *runs, judged))
         };
         let (training, validation) = (of(0..train), of(train..all));
         let outputs = self.first.model.definition().outputs.iter().enumerate();
@@ -608,8 +669,8 @@ impl FrontProblem<'_> {
         FrontModel {
             effects,
             parameters,
-            error_training: fitted.as_ref().map_or(f64::NAN, |f| f.1.sqrt()),
-            error_validation: fitted.as_ref().and_then(|f| f.2).filter(|_| train < all).map(f64::sqrt),
+            error_training: fitted.as_ref().map_or(f64::NAN, |f| f.training.sqrt()),
+            error_validation: fitted.as_ref().and_then(|f| f.validation).filter(|_| train < all).map(f64::sqrt),
             outputs: outputs.collect(),
             error_cross_validated: predicted.map(f64::sqrt),
             recommended,

@@ -11,6 +11,7 @@
 //! `coefficient_text`).
 
 mod acceptance;
+mod all_samples;
 mod assessment;
 mod best_subsets;
 mod candidate_model;

@@ -162,7 +162,7 @@ impl Predictor {
     /// Rows of a run at which directions are kept; none where that is all of them.
     fn rows(&self, run: &Run, outputs: usize) -> Option<MeasuredRows> {
         match self {
-            Self::Steps(_) => MeasuredRows::of(&run.measured, outputs),
+            Self::Steps(_) => MeasuredRows::of(&run.measured, outputs, &run.time),
             Self::Bins { .. } => None,
         }
     }

@@ -3,6 +3,7 @@
 //! Where models are compared with records: sample by sample in time, or bin by bin of their spectra.
 
 use super::error::DiagnosisError;
+use crate::bins::MeasuredRows;
 use crate::screening::ScreeningOptions;
 use fdm_estimate::{FitOptions, Nonlinear, SpectralBins, SpectralError, SpectralOptions};
 use fdm_system::model::Model;
@@ -67,10 +68,19 @@ const DIRECTIONS: usize = 2;
 const KEPT: usize = 1_000;
 /// Part of the deviation of an input that may be lost, as its root mean square.
 const LOST: f64 = 1e-3;
+/// What is told of a search in time that compares a part of what was measured.
+const TOLD_IN_TIME: &str =
+    "the errors of all models are told over all samples, and what is recommended is fitted to all of them";
 
 /// Every k-th sample of runs that are longer than a search with so many candidates needs, and what was left out, in a sentence. Where inputs
-/// need more samples than that, they keep them, and the outputs are compared at fewer: that saves numbers, but no steps.
-pub(super) fn thinned(runs: Vec<Run>, outputs: usize, candidates: usize) -> (Vec<Run>, Option<String>) {
+/// need more samples than that, the outputs are compared at fewer. In time, of the rows between those stay in which an input bends: the
+/// motion loses nothing, and a search makes as many steps less. Where inputs bend everywhere that saves numbers only.
+pub(super) fn thinned(
+    runs: Vec<Run>,
+    outputs: usize,
+    candidates: usize,
+    domain: &Domain,
+) -> (Vec<Run>, Option<String>) {
     let samples: usize = runs.iter().map(Run::len).sum();
     let numbers = samples.saturating_mul(outputs).saturating_mul(DIRECTIONS * candidates.max(1));
     let by_numbers = numbers.div_ceil(MOST_NUMBERS);
@@ -84,7 +94,15 @@ pub(super) fn thinned(runs: Vec<Run>, outputs: usize, candidates: usize) -> (Vec
     let runs: Vec<Run> = runs.iter().map(part).collect();
     let left: usize = runs.iter().map(Run::len).sum();
     let compared = measured(&runs);
-    let runs: Vec<Run> = runs.into_iter().map(|run| sparser(run, by_numbers.div_ceil(every))).collect();
+    let in_time = *domain == Domain::Time;
+    let fewer = |run: Run| {
+        let (few, less) = (wanted.div_ceil(every), by_numbers.div_ceil(every));
+        let straight = Some(few).filter(|few| in_time && *few > 1).map(|few| straightened(&sparser(run.clone(), few)));
+        // steps are saved as well, or as many measurements stay as there is room for
+        let fast = straight.filter(|found| found.len() * 2 <= run.len());
+        fast.unwrap_or_else(|| sparser(run, less))
+    };
+    let runs: Vec<Run> = runs.into_iter().map(fewer).collect();
     let mut said = Vec::new();
     if left < samples {
         said.push(format!("of {samples} samples every {every}th is used ({left})"));
@@ -96,8 +114,9 @@ pub(super) fn thinned(runs: Vec<Run>, outputs: usize, candidates: usize) -> (Vec
         ));
     }
     let note = (!said.is_empty()).then(|| {
+        let told = if in_time { TOLD_IN_TIME } else { "all errors are those of what is left" };
         format!(
-            "{}, as there are {candidates} candidates; all errors are those of what is left. `--without` and `--only` leave more time for each",
+            "{}, as there are {candidates} candidates; {told}. `--without` and `--only` leave more time for each",
             said.join("; ")
         )
     });
@@ -121,6 +140,86 @@ fn sparser(mut run: Run, k: usize) -> Run {
             .for_each(|(_, row)| run.measured[row * q + o] = f64::NAN);
     }
     run
+}
+
+/// The run without rows at which nothing was measured and every input goes straight on (or keeps its value).
+fn straightened(run: &Run) -> Run {
+    let (n, m, q) = (run.len(), run.held.len(), run.output_gaps.len());
+    let value = |row: usize, i: usize| run.inputs[row * m + i];
+    let most: Vec<f64> = (0..m)
+        .map(|i| {
+            let mean = (0..n).map(|row| value(row, i)).sum::<f64>() / n as f64;
+            LOST * ((0..n).map(|row| (value(row, i) - mean).powi(2)).sum::<f64>() / n as f64).sqrt()
+        })
+        .collect();
+    // the row between two in which an input is farthest off, in what may be lost of it; of a held input the first that is
+    let bends = |from: usize, to: usize| -> Option<usize> {
+        let off = |row: usize| {
+            let part = (run.time[row] - run.time[from]) / (run.time[to] - run.time[from]);
+            let each = (0..m).map(|i| {
+                let part = if run.held[i] { 0.0 } else { part };
+                let off = (value(row, i) - value(from, i) - part * (value(to, i) - value(from, i))).abs();
+                if off > most[i] { (run.held[i], off / most[i]) } else { (false, 0.0) }
+            });
+            each.fold((false, 0.0), |(held, worst): (bool, f64), (h, o)| (held || h, worst.max(o)))
+        };
+        let mut worst = (0.0, None);
+        for row in from + 1..to {
+            let (held, off) = off(row);
+            if held {
+                return Some(row);
+            }
+            if off > worst.0 {
+                worst = (off, Some(row));
+            }
+        }
+        worst.1
+    };
+    let measured = |row: &usize| run.measured[row * q..][..q].iter().any(|z| !z.is_nan());
+    let fixed = (0..n).filter(|row| *row == 0 || *row + 1 == n || measured(row));
+    let mut rows: Vec<usize> = Vec::new();
+    for end in fixed {
+        // what is still to be reached, the nearest last
+        let mut ahead = vec![end];
+        while let Some(to) = ahead.last().copied() {
+            match rows.last().and_then(|from| bends(*from, to)) {
+                Some(row) => ahead.push(row),
+                None => {
+                    rows.push(to);
+                    ahead.pop();
+                }
+            }
+        }
+    }
+    at_rows(run, &rows)
+}
+
+/// Some rows of a run.
+pub(super) fn at_rows(run: &Run, rows: &[usize]) -> Run {
+    let of = |values: &[f64], width: usize| -> Vec<f64> {
+        rows.iter().flat_map(|row| &values[row * width..][..width]).copied().collect()
+    };
+    Run {
+        time: rows.iter().map(|row| run.time[*row]).collect(),
+        inputs: of(&run.inputs, run.held.len()),
+        measured: of(&run.measured, run.output_gaps.len()),
+        ..run.clone()
+    }
+}
+
+/// Whether the rows of a run are as far apart as each other.
+pub(super) fn is_even(run: &Run) -> bool {
+    EvenGrid::of(&run.time).is_ok_and(|grid| grid.length() == run.len())
+}
+
+/// How many measurements of an output a run holds, and the time between them; of one with even rows as many as it has rows.
+pub(super) fn sampling(run: &Run, (o, q): (usize, usize)) -> (usize, f64) {
+    let rows = MeasuredRows::of(&run.measured, q, &run.time);
+    if rows.as_ref().and_then(MeasuredRows::uneven).is_none() {
+        return (run.len(), interval(run));
+    }
+    let samples: Vec<usize> = (0..run.len()).filter(|row| !run.measured[row * q + o].is_nan()).collect();
+    (samples.len(), MeasuredRows::between(rows.as_ref(), &samples, interval(run)))
 }
 
 /// Whether every k-th sample of the inputs says all of them, as they are interpolated: what is lost would be taken for an effect.
@@ -335,19 +434,39 @@ mod tests {
     fn long_runs_are_thinned_and_that_is_said() {
         let long = run((0..50_000).map(f64::from).collect());
         let short = run((0..1_000).map(f64::from).collect());
-        let (kept, note) = thinned(vec![long.clone(), short.clone()], 1, 20);
+        let in_time = |runs: Vec<Run>, candidates: usize| thinned(runs, 1, candidates, &Domain::Time);
+        let (kept, note) = in_time(vec![long.clone(), short.clone()], 20);
         assert!(note.is_none() && kept == [long.clone(), short.clone()]);
         let mut stepped = long.clone();
         stepped.inputs.iter_mut().enumerate().for_each(|(k, u)| *u = f64::from(u8::from(k % 1000 > 497)));
-        let (kept, note) = thinned(vec![stepped.clone()], 1, 8_000);
-        // the inputs are kept, and fewer outputs compared
+        let (kept, note) = in_time(vec![stepped.clone()], 8_000);
+        // fewer outputs are compared, and of the rows between those stay at which the input bends
         assert!(note.is_some_and(|n| n.contains("of 50000 measurements 7143 are compared")));
-        assert_eq!((&kept[0].inputs, &kept[0].time), (&stepped.inputs, &stepped.time));
-        assert!(
-            (0..50_000)
-                .all(|k| kept[0].measured[k] == stepped.measured[k] || k % 7 != 0 && kept[0].measured[k].is_nan())
-        );
-        let (kept, note) = thinned(vec![long, short.clone()], 1, 8_000);
+        let found = &kept[0];
+        assert!((7143..7143 + 201).contains(&found.len()), "{}", found.len());
+        for k in 0..50_000 {
+            let to = found.time.partition_point(|t| *t < k as f64);
+            let from = if found.time[to] == k as f64 { to } else { to - 1 };
+            let part =
+                if to > from { (k as f64 - found.time[from]) / (found.time[to] - found.time[from]) } else { 0.0 };
+            let input = found.inputs[from] + part * (found.inputs[to] - found.inputs[from]);
+            assert_eq!(input, stepped.inputs[k], "{k}");
+            let measured = if to == from { found.measured[to] } else { f64::NAN };
+            assert!(measured == stepped.measured[k] || k % 7 != 0 && measured.is_nan(), "{k}");
+        }
+        assert_eq!(sampling(found, (0, 1)), (7143, 7.0));
+        // an input that is held changes where it did
+        let held = Run { held: vec![true], ..stepped.clone() };
+        let (kept, _) = in_time(vec![held], 8_000);
+        for k in 0..50_000 {
+            let from = kept[0].time.partition_point(|t| *t <= k as f64) - 1;
+            assert_eq!(kept[0].inputs[from], stepped.inputs[k], "{k}");
+        }
+        // one that bends everywhere keeps all rows
+        let rough = Run { inputs: (0..50_000).map(|k| f64::from(k * 7919 % 101)).collect(), ..stepped.clone() };
+        let (kept, _) = in_time(vec![rough.clone()], 8_000);
+        assert_eq!((&kept[0].inputs, &kept[0].time), (&rough.inputs, &rough.time));
+        let (kept, note) = in_time(vec![long, short.clone()], 8_000);
         assert!(note.is_some_and(|n| n.starts_with("of 51000 samples every 7th is used (8143), as there are")));
         assert_eq!((kept[0].len(), kept[0].time[2], kept[0].inputs[2], kept[0].measured[2]), (7143, 14.0, 28.0, 14.0));
         assert_eq!(kept[1], short);

@@ -4,7 +4,7 @@
 //! One noise by which models are compared: a spectrum for each output, found once and then kept.
 
 use super::runs::interval;
-use crate::bins::{ordinal, spacing};
+use crate::bins::{MeasuredRows, ordinal};
 use crate::noise::{Growth, LogSpectrum};
 use fdm_estimate::Response;
 use fdm_numeric::fourier::CosineTransform;
@@ -39,10 +39,10 @@ struct OutputWhitener {
 }
 
 impl OutputWhitener {
-    fn new(run: &Run, (o, q): (usize, usize), noise: &CommonNoise) -> Self {
+    fn new(run: &Run, rows: Option<&MeasuredRows>, (o, q): (usize, usize), noise: &CommonNoise) -> Self {
         let samples: Vec<usize> = (0..run.len()).filter(|k| !run.measured[k * q + o].is_nan()).collect();
         let n = samples.len();
-        let dt = interval(run) * spacing(&samples);
+        let dt = MeasuredRows::between(rows, &samples, interval(run));
         let orthonormal = |k: usize| if k == 0 { 1.0 / n as f64 } else { 2.0 / n as f64 };
         let deviations = noise.deviations(o, n, dt);
         let weight = deviations.iter().enumerate().map(|(k, deviation)| orthonormal(k).sqrt() / deviation).collect();
@@ -62,7 +62,8 @@ impl OutputWhitener {
 
 impl Whitener {
     pub(super) fn new(run: &Run, outputs: usize, noise: &CommonNoise) -> Self {
-        let views = (0..outputs).map(|o| OutputWhitener::new(run, (o, outputs), noise)).collect();
+        let rows = MeasuredRows::of(&run.measured, outputs, &run.time);
+        let views = (0..outputs).map(|o| OutputWhitener::new(run, rows.as_ref(), (o, outputs), noise)).collect();
         Self { outputs, views, bin: vec![0.0; run.len()] }
     }
 

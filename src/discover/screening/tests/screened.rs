@@ -111,7 +111,8 @@ fn directions_are_needed_where_something_was_measured() {
     }
     let whole = screened(&runs, 2, &directions);
     for run in &mut runs {
-        run.rows = MeasuredRows::of(&run.residual, 2);
+        let time: Vec<f64> = (0..400).map(f64::from).collect();
+        run.rows = MeasuredRows::of(&run.residual, 2, &time);
         let taken = |signal: &Signals| MeasuredRows::taken(run.rows.as_ref(), signal.clone(), 2);
         run.directions = run.directions.iter().map(taken).collect();
         assert_eq!(run.directions[0].len(), 200);
