@@ -161,9 +161,12 @@ fn the_choice_of_steps_is_ended_too() {
     let text = "model kinetics { state a = 1; state b = 0; state c = 0; param k = 0.05, s = 0.02; der(a) = 1e4*b*c - k*a; \
                 der(b) = k*a - 1e4*b*c - 3e7*b*b; der(c) = 3e7*b*b; output y = a; noise y = s*(1 + a); }";
     let model = Model::from_text("kinetics.fdm", text).unwrap();
-    let time: Vec<f64> = (0..8).map(|k| if k == 0 { 0.0 } else { 4.0 * 10_f64.powi(k - 3) }).collect();
-    // of k = 0.04, about a hundredth off
-    let measured = vec![1.01, 0.985, 0.99, 0.9, 0.73, 0.445, 0.187, 0.0385];
+    let time: Vec<f64> = (0..15).map(|k| if k == 0 { 0.0 } else { 0.01 * 3_f64.powi(k - 1) }).collect();
+    // of k = 0.04, up to a hundredth off
+    let measured = vec![
+        1.0084, 0.992, 1.003, 0.9992, 0.9803, 0.9775, 0.9402, 0.8625, 0.7667, 0.6582, 0.5348, 0.4003, 0.2679, 0.1558,
+        0.0776,
+    ];
     let (name, inputs, held, input_gaps) = ("r".into(), Vec::new(), Vec::new(), Vec::new());
     let run = Run { name, inputs, held, measured, input_gaps, output_gaps: vec![0], time };
     let fitted = |patience: usize| {
@@ -173,7 +176,7 @@ fn the_choice_of_steps_is_ended_too() {
     let (whole, left) = fitted(usize::MAX);
     assert!(whole.is_good(), "{:?}", whole.estimate.termination);
     let asked = usize::MAX - left;
-    assert!(asked > 500, "{asked}");
+    assert!(asked > 200, "{asked}");
     let k = |fit: &crate::Fit| fit.estimate.parameter("k", None).unwrap().value;
     let mut unmoved = 0;
     for patience in [2, 10, 50, asked / 4, asked / 2, asked / 4 * 3] {
@@ -182,5 +185,5 @@ fn the_choice_of_steps_is_ended_too() {
         assert!(k(&cut).is_finite() && !cut.is_good(), "{patience}");
         unmoved += usize::from(k(&cut) == 0.05);
     }
-    assert!(unmoved >= 3 && (k(&whole) - 0.04).abs() < 4e-3, "{unmoved} {}", k(&whole));
+    assert!(unmoved >= 3 && (k(&whole) - 0.04).abs() < 2e-3, "{unmoved} {}", k(&whole));
 }
