@@ -228,6 +228,9 @@ def told(name: str, options: argparse.Namespace) -> None:
     print(f"  nominal log-likelihood: AMICI {reference:.6f}, fdm {nominal:.6f}, apart {nominal - reference:.1e}", flush=True)
     beside = point(amici, options.away)
     reference, gradient = amici(beside.values, amici.solver(1e-12, "forward"))
+    if not gradient:
+        print("  AMICI has no gradient beside the nominal values (try a smaller --away)")
+        return
     ways = [(rtol, method) for rtol in options.rtol for method in ("forward", "adjoint")]
     for rtol, method in ways:
         solver = amici.solver(rtol, method)
@@ -266,8 +269,8 @@ def main() -> int:
     parser.add_argument("--most", type=int, default=50, help="parameters up to which the gradient is told by differences too")
     parser.add_argument("--only", nargs="+", default=PROBLEMS)
     options = parser.parse_args()
-    # AMICI tells every step of its import
-    logging.disable(logging.INFO)
+    # AMICI tells every step of its import, and a line for every number that is not finite
+    logging.disable(logging.WARNING)
     Path(options.work).mkdir(parents=True, exist_ok=True)
     for name in options.only:
         told(name, options)
