@@ -112,7 +112,7 @@ def _awaited(client: Any, future: Any) -> tuple[int, str, str]:
                 warnings.warn(
                     f"Dask has no workers: {client!r} waits for new ones. What is done is kept, and is not done again.",
                     RuntimeWarning,
-                    stacklevel=4,
+                    stacklevel=5,
                 )
 
 
