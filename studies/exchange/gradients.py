@@ -108,7 +108,7 @@ class Fdm:
         with warnings.catch_warnings():
             # that it has not converged
             warnings.simplefilter("ignore", fdm.ResultWarning)
-            fit = self.model.fit(self.runs, set=values, iterations=0, progress=False)
+            fit = self.model.fit(self.runs, set=self.own(values), iterations=0, progress=False)
         return float(fit.log_likelihood or math.nan) + self.added
 
     def differences(self, point: Point, step: float) -> dict[str, float]:
@@ -133,7 +133,18 @@ class Fdm:
 
     def prepared(self, values: dict[str, float]) -> fdm.Residuals:
         known = self.deviations(values)
-        return self.model.prepare(self.runs, set=values, noise=known[0] if known else None)
+        return self.model.prepare(self.runs, set=self.own(values), noise=known[0] if known else None)
+
+    def logarithm(self, name: str) -> str | None:
+        """The parameter that stands for the logarithm of this one, where a prior was on that scale."""
+        own = f"log10_{name}"
+        return own if re.search(rf"^  param {own}\s*=", self.text, re.MULTILINE) else None
+
+    def own(self, values: dict[str, float]) -> dict[str, float]:
+        """Values under the model's names."""
+        pairs = ((self.logarithm(name), name, value) for name, value in values.items())
+        return {own: math.log10(value) for own, _, value in pairs if own} | {
+            name: value for name, value in values.items() if not self.logarithm(name)}
 
     def gradient(self, residuals: fdm.Residuals, point: Point) -> dict[str, float] | None:
         """By the Jacobian, without the parameters of the noise."""
@@ -141,7 +152,8 @@ class Fdm:
         if known is None:
             return None
         slopes = dict(zip(residuals.names, residuals.gradient()[1]))
-        return {name: slopes[name] * point.slope(name) for name in point.values if name not in known[1]}
+        own = {name: self.logarithm(name) for name in point.values if name not in known[1]}
+        return {name: slopes[log] if log else slopes[name] * point.slope(name) for name, log in own.items()}
 
 
 class Amici:

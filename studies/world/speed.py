@@ -1,6 +1,6 @@
 """How long a large diagnosis takes, and how much memory: six bodies in a row (12 states), ten runs of 10,000 samples, about 1,000 candidates.
 
-    python3 studies/world/speed.py FOLDER [--fdm target/release/fdm] [--threads 2] [--catalogue all]
+    python3 studies/world/speed.py FOLDER [--fdm target/release/fdm] [--threads 2] [--catalogue FIELDS] [--only EFFECTS]
 
 Drag of the third body is hidden. Prints the number of candidates, seconds of the clock and of the processor, and the most memory.
 """
