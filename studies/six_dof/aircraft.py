@@ -35,6 +35,7 @@ DEVIATIONS = dict(
     V=0.1, alpha=0.006, beta=0.006, p=0.01, q=0.01, r=0.01,
 )
 RATE, LENGTH = 50.0, 8.0
+INPUTS = ["elevator", "aileron", "rudder"]
 KINDS = ["nominal", "tables", "true"]
 
 
@@ -220,18 +221,24 @@ def model(kind, measured):
     return f"model aircraft {{\n  input elevator [rad], aileron [rad], rudder [rad];\n{own}{LATERAL}{BODY}{outputs}}}\n"
 
 
-def make(folder):
+UNITS = dict(north="m", east="m", down="m", x="m", z="m", V="m/s", p="rad/s", q="rad/s", r="rad/s")
+
+
+def write_runs(folder, inputs, names, record):
+    """Twelve records as measured and as they are exactly; `record` makes one from its seed. Angles where no unit is known."""
     folder.mkdir(parents=True, exist_ok=True)
-    titles = ["t [s]", "elevator [rad]", "aileron [rad]", "rudder [rad]"]
-    units = dict(north="m", east="m", down="m", V="m/s", p="rad/s", q="rad/s", r="rad/s")
-    titles += [f"{n}_m [{units.get(n, 'rad')}]" for n in NAMES + MORE]
+    titles = ["t [s]"] + [f"{n} [rad]" for n in inputs] + [f"{n}_m [{UNITS.get(n, 'rad')}]" for n in names]
     for seed in range(12):
         grid, u, exact, measured = record(seed)
         for name, y in (("run", measured), ("exact", exact)):
             table = np.column_stack([grid, u, y])
             np.savetxt(folder / f"{name}{seed}.csv", table, delimiter=",", header=",".join(titles), comments="", fmt="%.10g")
-        alpha = np.degrees(exact[:, 7])
-        print(f"run{seed}: speed {exact[:, 6].min():.1f} to {exact[:, 6].max():.1f} m/s, alpha {alpha.min():.1f} to {alpha.max():.1f} deg")
+        speed, alpha = exact[:, names.index("V")], np.degrees(exact[:, names.index("alpha")])
+        print(f"run{seed}: speed {speed.min():.1f} to {speed.max():.1f} m/s, alpha {alpha.min():.1f} to {alpha.max():.1f} deg")
+
+
+def make(folder):
+    write_runs(folder, INPUTS, NAMES + MORE, record)
     for kind in KINDS:
         for measured in ("states", "positions"):
             (folder / f"{kind}_{measured}.fdm").write_text(model(kind, measured))
@@ -308,4 +315,4 @@ def main(description, flight, make):
 
 
 if __name__ == "__main__":
-    main(__doc__, Flight(["elevator", "aileron", "rudder"], KINDS, TRUE), make)
+    main(__doc__, Flight(INPUTS, KINDS, TRUE), make)

@@ -114,16 +114,7 @@ MODELS = {
 
 
 def make(folder):
-    folder.mkdir(parents=True, exist_ok=True)
-    units = dict(x="m", z="m", V="m/s", q="rad/s")
-    titles = ["t [s]", "stick [rad]", "target [rad]"] + [f"{n}_m [{units.get(n, 'rad')}]" for n in NAMES + MORE]
-    for seed in range(12):
-        grid, u, exact, measured = record(seed)
-        for name, y in (("run", measured), ("exact", exact)):
-            table = np.column_stack([grid, u, y])
-            np.savetxt(folder / f"{name}{seed}.csv", table, delimiter=",", header=",".join(titles), comments="", fmt="%.10g")
-        alpha = np.degrees(exact[:, 4])
-        print(f"run{seed}: speed {exact[:, 3].min():.1f} to {exact[:, 3].max():.1f} m/s, alpha {alpha.min():.1f} to {alpha.max():.1f} deg")
+    aircraft.write_runs(folder, INPUTS, NAMES + MORE, record)
     for kind, own in MODELS.items():
         for measured in ("states", "positions"):
             outputs = STATES if measured == "states" else ""
