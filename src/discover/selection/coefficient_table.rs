@@ -7,6 +7,7 @@
 
 use super::assessment::run_gains;
 use super::coefficient_text::{CoefficientText, CurveNodes, Dependence, TextSignal, shown};
+use super::elimination::Accepted;
 use super::fitted_model::{FittedModel, shared_from, split_fit_within};
 use super::forward_step::{PENALTY, prior};
 use super::front::FrontProblem;
@@ -14,7 +15,8 @@ use super::initial_fit::{Thoroughness, plain_fit_told};
 use super::law_curve::LawModel;
 use super::written_model::at_values;
 use crate::diagnosis::{CoefficientTable, EffectAt};
-use fdm_estimate::Estimate;
+use fdm_estimate::{Estimate, ParameterEstimate};
+use fdm_grammar::effect::NewParam;
 use fdm_grammar::model::Param;
 use fdm_grammar::syntax::Class;
 use fdm_numeric::statistics::chi_squared_tail;
@@ -55,6 +57,25 @@ pub(super) struct TableModel {
     pub(super) found: CoefficientTable,
     /// Gains on all runs less penalties, beside the model that it was tried in.
     pub(super) score: f64,
+    /// Estimates of its plain fit.
+    estimates: Vec<ParameterEstimate>,
+}
+
+impl TableModel {
+    /// That an effect beside which the table stands says nothing any more, in a sentence: the table has taken its place, and what is
+    /// left of it may have any value.
+    pub(super) fn superseded(&self, effect: &Accepted) -> Option<String> {
+        let own = effect.params.iter().filter(|p| !p.fixed && !p.nuisance && p.begins_as.is_none());
+        let of = |p: &NewParam| self.estimates.iter().find(|e| e.name == p.name).map(|e| (p.null, e));
+        let (null, lost) = own
+            .filter_map(of)
+            .find(|(null, e)| e.error().is_none_or(|error| (e.value - null).abs() <= ALIKE.0 * error))?;
+        let (place, name) = (&effect.cause.place, &lost.name);
+        Some(format!(
+            "beside the table {place} is not determined: {name} is within {:.0} standard errors of {null}",
+            ALIKE.0
+        ))
+    }
 }
 
 /// A signal and its values in the training runs.
@@ -267,7 +288,7 @@ impl FrontProblem<'_> {
             targets: vec![pair.coefficient.clone(), pair.signal.clone()],
         };
         let curve = LawModel { place, parameters: WRITTEN - 1, current: tabulated.model, written };
-        Some(TableModel { curve, found, score })
+        Some(TableModel { curve, found, score, estimates: estimate.parameters })
     }
 }
 

@@ -7,7 +7,7 @@
 //! A nonlinearity that the catalogue does not have (hysteresis, a friction that falls with the speed, a product of three) is nearly the sum of two or
 //! three that it has, so nearly that nothing is left which would tell of it. That they meet in one place is what can be told.
 
-use super::acceptance::{separating, value_of};
+use super::acceptance::{below_null, separating, value_of};
 use super::error::DiagnosisError;
 use super::extended_model::{AttachedEffect, SignalScales, grown, place, written};
 use super::fitted_model::{FittedModel, split_fit};
@@ -165,6 +165,10 @@ pub(super) fn revise(
             effects[k] = (candidate.clone(), choice.clone());
             let (current, params) = rebuilt(first, &current, &fit.theta, runs, &effects).ok()?;
             let fit = split_fit(&current, runs, noise).ok()?;
+            let value = |p: &NewParam| fit.fitting.shared(&p.name).map(|e| e.value);
+            if params.iter().any(|params| below_null(params, value).is_some()) {
+                return None;
+            }
             let score = -fit.cost() - penalty(candidate, &params[k]);
             Some(Tried {
                 candidate: candidate.clone(),

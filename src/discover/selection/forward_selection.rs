@@ -15,7 +15,7 @@ use super::forward_step::ForwardStep;
 use super::front::{FrontProblem, SearchPath};
 use super::initial_fit::initial_fits;
 use super::law_curve::law_model;
-use super::look_ahead::NextStep;
+use super::look_ahead::{Acceptable, NextStep};
 use super::predictor::responses;
 use super::runs::{DiagnosisOptions, Domain, GoesOn, Progress, Runs, apart, prepared, thinned};
 use super::significance::confirmed;
@@ -459,18 +459,21 @@ impl<'a> ForwardSelection<'a> {
                 Some(reason) => self.rejected.push(rejected(step, number, candidate, reason)),
             }
         }
+        let mut can = Acceptable { alone: fit, in_sets: Vec::new() };
         if *self.runs.domain == Domain::Time {
             let models = &comparison.models;
             let best = models.iter().map(CandidateModel::score).fold(0.0, f64::max);
             let near = |k: &usize| models[*k].score() > ASIDE * best && has_the_other_sign(step, &models[*k]);
-            let opposite: Vec<usize> = (0..models.len()).filter(near).collect();
-            self.put_aside(step, comparison, scales, (&opposite, p));
+            can.in_sets = (0..models.len()).filter(near).collect();
+            self.put_aside(step, comparison, scales, (&can.in_sets, p));
         }
-        let Some(next) = self.best_next_step(step, comparison, scales, &fit)? else { return Ok(None) };
+        let Some(next) = self.best_next_step(step, comparison, scales, &can)? else { return Ok(None) };
+        let begin = can.beginnings();
+        let fit = can.alone;
         let k = next.candidate;
         self.set_aside(step, comparison, scales, (k, &fit, p));
         if self.classes.is_none() && self.fork.is_none() && comparison.models[k].class != Class::Mechanism {
-            self.fork = self.forked(step, comparison, scales, (next.mechanism, &fit, p)).ok().map(Box::new);
+            self.fork = self.forked(step, comparison, scales, (next.mechanism, &begin, p)).ok().map(Box::new);
         }
         let (candidate, cause) = (&comparison.models[k], cause(step, comparison, (k, p)));
         let grouped = |t: usize| {
@@ -488,7 +491,7 @@ impl<'a> ForwardSelection<'a> {
         }
         let attached = &step.simulated[candidate.candidate].attached;
         (self.progress)(&format!("accepted {}", cause.place));
-        let near = near(step, comparison, k, &fit);
+        let near = near(step, comparison, k, &begin);
         self.accepted.push(Accepted::new(attached, &candidate.fitting, cause, near));
         Ok(Some(next))
     }
@@ -539,7 +542,7 @@ impl<'a> ForwardSelection<'a> {
         step: &ForwardStep<'a>,
         comparison: &Comparison,
         scales: &SignalScales,
-        (mechanism, fit, p): (Option<usize>, &[usize], f64),
+        (mechanism, can, p): (Option<usize>, &[usize], f64),
     ) -> Result<Fork<'a>, DiagnosisError> {
         let mut search = ForwardSelection::new(&self.shared, Some(Class::Mechanism));
         search.accepted.clone_from(&self.accepted);
@@ -554,7 +557,7 @@ impl<'a> ForwardSelection<'a> {
             if let Some(step) = search.steps.last_mut() {
                 step.accepted = Some(cause.place.clone());
             }
-            let near = near(step, comparison, k, fit);
+            let near = near(step, comparison, k, can);
             search.accepted.push(Accepted::new(attached, &candidate.fitting, cause, near));
         }
         let mechanism = |(candidate, _): &(Candidate, Choice)| candidate.effect().class() == Class::Mechanism;
@@ -811,6 +814,10 @@ impl<'a> ForwardSelection<'a> {
             && problem.predicts_better(table.curve.fits(), (current, &written.fitted))
         {
             let mut model = told(&table, true);
+            let accepted = &self.accepted;
+            let superseded = || accepted.iter().find_map(|effect| table.superseded(effect));
+            model.objection =
+                model.objection.or_else(|| table.curve.written.against_physics(accepted)).or_else(superseded);
             model.recommended = model.objection.is_none();
             return Some(Proposed { table, model, beside: true });
         }
@@ -874,11 +881,11 @@ impl<'a> ForwardSelection<'a> {
     }
 }
 
-/// Candidate models (`fit`: those that nothing speaks against) that come near to one, with the values that were fitted.
-fn near(step: &ForwardStep<'_>, comparison: &Comparison, k: usize, fit: &[usize]) -> Vec<(Candidate, Choice)> {
+/// Candidate models (of those that may be accepted) that come near to one, with the values that were fitted.
+fn near(step: &ForwardStep<'_>, comparison: &Comparison, k: usize, can: &[usize]) -> Vec<(Candidate, Choice)> {
     let score = comparison.models[k].score();
     let least = score - (APART * score).max(BEHIND);
-    let close = |(o, c): &(usize, &CandidateModel)| *o != k && c.score() > least && fit.contains(o);
+    let close = |(o, c): &(usize, &CandidateModel)| *o != k && c.score() > least && can.contains(o);
     let of = |(_, c): (usize, &CandidateModel)| {
         let attached = &step.simulated[c.candidate].attached;
         (attached.candidate.clone(), written(attached, &c.fitting.theta[0]))

@@ -18,7 +18,7 @@
 //! error of the difference, and is likelier with all penalties counted; a set with an effect of a sensor beside mechanisms where it is likelier
 //! than the best set of mechanisms.
 
-use super::acceptance::{at_bound, below_null};
+use super::acceptance::below_null;
 use super::all_samples::AllSamples;
 use super::elimination::{Accepted, rebuilt};
 use super::error::DiagnosisError;
@@ -121,11 +121,8 @@ impl Level {
         }
         match self.shown() {
             Ok(written) => written.objection().or_else(|| {
-                let (model, theta) = (&written.fitted.model, &written.fitted.theta[0]);
-                let value = |p: &NewParam| model.definition().param(&p.name).map(|k| theta[k]);
-                let of = |a: &Accepted| below_null(&a.params, value).or_else(|| at_bound(&a.params, value));
                 let repeats = || self.repeats.map(Repeated::sentence);
-                self.accepted.iter().find_map(of).or_else(repeats).or_else(|| worse(self.error))
+                written.against_physics(&self.accepted).or_else(repeats).or_else(|| worse(self.error))
             }),
             Err(why) => Some(why.clone()),
         }

@@ -5,6 +5,7 @@
 //! (their Gram matrix): the best partners, alone and in pairs, are fitted jointly with it. So are the best of all sets of two and three among the
 //! forty best directions. The likeliest set says which of its effects is accepted. Whatever is accepted beside it is searched anew.
 
+use super::acceptance::below_null;
 use super::best_subsets::{Columns, Subset};
 use super::candidate_model::{CandidateModel, Prediction};
 use super::comparison::{Comparison, EQUAL};
@@ -17,7 +18,7 @@ use super::forward_selection::ForwardSelection;
 use super::forward_step::ForwardStep;
 use super::predictor::responses;
 use super::projection::{Projection, cosine, dot};
-use fdm_grammar::effect::{Candidate, Choice};
+use fdm_grammar::effect::{Candidate, Choice, NewParam};
 use fdm_grammar::syntax::Class;
 use rayon::prelude::*;
 use std::collections::BTreeSet;
@@ -52,6 +53,22 @@ pub(super) struct NextStep {
     pub(super) mechanism: Option<usize>,
 }
 
+/// Candidate models that may be accepted, the best first.
+pub(super) struct Acceptable {
+    /// Those that nothing speaks against.
+    pub(super) alone: Vec<usize>,
+    /// Mechanisms against which only the sign of their joint fit speaks: as long as its partner is missing, a friction may seem to be
+    /// negative. They are accepted where a set with the signs of physics is the likeliest.
+    pub(super) in_sets: Vec<usize>,
+}
+
+impl Acceptable {
+    /// All that may be accepted; those first that nothing speaks against.
+    pub(super) fn beginnings(&self) -> Vec<usize> {
+        self.alone.iter().chain(&self.in_sets).copied().collect()
+    }
+}
+
 /// What a set begins with.
 struct Beginning<'c> {
     /// The candidate model, by its place.
@@ -82,29 +99,35 @@ struct EffectSet {
 }
 
 impl ForwardSelection<'_> {
-    /// The candidate model to go on with, of those (`fit`, the best first) that nothing speaks against.
+    /// The candidate model to go on with.
     pub(super) fn best_next_step(
         &self,
         step: &ForwardStep<'_>,
         comparison: &Comparison,
         scales: &SignalScales,
-        fit: &[usize],
+        can: &Acceptable,
     ) -> Result<Option<NextStep>, DiagnosisError> {
-        let Some(best) = fit.first().copied() else { return Ok(None) };
+        let (best, fit) = (can.alone.first().copied(), &can.alone[..]);
         // a stand-in must be better than the best pair of mechanisms
-        let stand_in = comparison.models[best].class == Class::StandIn;
-        let others = if stand_in { mechanisms(comparison) } else { alternatives(comparison, fit) };
+        let mut others = match best {
+            Some(best) if comparison.models[best].class == Class::StandIn => mechanisms(comparison),
+            _ => alternatives(comparison, fit),
+        };
+        others.extend(can.in_sets.iter().take(BEGINNINGS).filter(|k| !others.contains(k)).copied().collect::<Vec<_>>());
         let is_mechanism = |k: &usize| comparison.models[*k].class == Class::Mechanism;
         let (mut chosen, mut mechanism) = (best, fit.iter().copied().find(is_mechanism));
         if !others.is_empty() && self.accepted.len() + 2 <= self.options.most && (self.goes_on)() {
             (self.progress)(&format!("fitting sets of effects that begin with {} of them", others.len() + 1));
-            let totals = self.totals(step, comparison, fit, &others);
-            let least = totals.iter().copied().min_by(|a, b| a.1.total_cmp(&b.1));
-            chosen = least.map_or(best, |(k, _)| k);
-            let among = totals.iter().filter(|(k, _)| is_mechanism(k));
-            mechanism = among.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(k, _)| *k).or(mechanism);
+            let totals = self.totals(step, comparison, can, &others);
+            let least = |of: &dyn Fn(&usize) -> bool| {
+                let finite = totals.iter().filter(|(k, total)| total.is_finite() && of(k));
+                finite.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(k, _)| *k)
+            };
+            chosen = least(&|_| true).or(chosen);
+            mechanism = least(&is_mechanism).or(mechanism);
         }
-        (chosen, mechanism) = (simplest(comparison, fit, chosen), mechanism.map(|k| simplest(comparison, fit, k)));
+        let Some(chosen) = chosen.map(|k| simplest(comparison, fit, k)) else { return Ok(None) };
+        let mechanism = mechanism.map(|k| simplest(comparison, fit, k));
         let current = Arc::new(self.with_candidate(step, &comparison.models[chosen], scales)?);
         Ok(Some(NextStep { candidate: chosen, current, mechanism }))
     }
@@ -114,13 +137,17 @@ impl ForwardSelection<'_> {
         &self,
         step: &ForwardStep<'_>,
         comparison: &Comparison,
-        fit: &[usize],
+        can: &Acceptable,
         others: &[usize],
     ) -> Vec<(usize, f64)> {
-        let sets = step.sets(comparison, fit, others);
-        let total = |set: &EffectSet| Some((set.model, self.total(step, comparison, set)?));
+        let fit = &can.alone[..];
+        let sets = step.sets(comparison, &can.beginnings(), fit.first().into_iter().chain(others).copied().collect());
+        let total = |set: &EffectSet| Some((set.model, self.total(step, comparison, (set, can))?));
         let totals: Vec<(usize, f64)> = sets.par_iter().filter_map(total).collect();
         let alone = |k: usize| {
+            if can.in_sets.contains(&k) {
+                return f64::INFINITY;
+            }
             let own = &comparison.models[k];
             own.fitting.cost + own.validation.as_ref().map_or(0.0, |(_, v)| v.cost) + own.penalty()
         };
@@ -132,8 +159,14 @@ impl ForwardSelection<'_> {
         begun.into_iter().map(|k| (k, least(k))).collect()
     }
 
-    /// The cost of a set, fitted jointly by the noise of the comparison, with its penalties.
-    fn total(&self, step: &ForwardStep<'_>, comparison: &Comparison, set: &EffectSet) -> Option<f64> {
+    /// The cost of a set, fitted jointly by the noise of the comparison, with its penalties; none where it begins with what has the sign of
+    /// physics in a set only, and has another in this one.
+    fn total(
+        &self,
+        step: &ForwardStep<'_>,
+        comparison: &Comparison,
+        (set, can): (&EffectSet, &Acceptable),
+    ) -> Option<f64> {
         if !(self.goes_on)() {
             return None;
         }
@@ -152,9 +185,13 @@ impl ForwardSelection<'_> {
         }
         let mut theta: Vec<Vec<f64>> = own.fitting.theta.iter().map(|theta| attached.base(theta)).collect();
         theta.extend(shared_from(current.params(), theta.first()?, &current.theta[self.runs.train..]));
-        let (model, _) = rebuilt(current, current, &theta, self.runs, &effects).ok()?;
-        let cost = split_fit_within(&model, self.runs, &comparison.noise, ROUGHLY).ok()?.cost();
-        cost.is_finite().then_some(cost + penalty)
+        let (model, params) = rebuilt(current, current, &theta, self.runs, &effects).ok()?;
+        let fitted = split_fit_within(&model, self.runs, &comparison.noise, ROUGHLY).ok()?;
+        let value = |p: &NewParam| fitted.fitting.shared(&p.name).map(|e| e.value);
+        if can.in_sets.contains(&set.model) && params.iter().any(|params| below_null(params, value).is_some()) {
+            return None;
+        }
+        fitted.cost().is_finite().then_some(fitted.cost() + penalty)
     }
 
     /// The model with a candidate model in its text, fitted jointly.
@@ -193,8 +230,8 @@ fn simplest(comparison: &Comparison, fit: &[usize], chosen: usize) -> usize {
 }
 
 impl ForwardStep<'_> {
-    /// The sets of two and three effects that are worth a fit, of these beginnings.
-    fn sets(&self, comparison: &Comparison, fit: &[usize], others: &[usize]) -> Vec<EffectSet> {
+    /// The sets of two and three effects that are worth a fit: of these beginnings, and the best of all that hold one of `begin`.
+    fn sets(&self, comparison: &Comparison, begin: &[usize], beginnings: Vec<usize>) -> Vec<EffectSet> {
         let (runs, q) = (self.runs.train(), self.current.outputs());
         let projection = Projection::new(&self.records, runs, &self.current.predictors, q, &comparison.noise);
         let beginning = |k: &usize| -> Option<Beginning<'_>> {
@@ -210,8 +247,7 @@ impl ForwardStep<'_> {
             let (size, product) = (dot(&added, &added), dot(&added, &left));
             Some(Beginning { model: *k, own, left, added, size, product })
         };
-        let beginnings: Vec<Beginning<'_>> =
-            fit.first().into_iter().chain(others).collect::<Vec<_>>().into_par_iter().filter_map(beginning).collect();
+        let beginnings: Vec<Beginning<'_>> = beginnings.par_iter().filter_map(beginning).collect();
         let direction = |d: usize| -> Vec<f64> { self.with_direction(d, |parts| projection.added(parts).direction) };
         // what it predicts alone, and beside each beginning
         let scored = |d: usize| -> (f64, Vec<Option<Partner>>) {
@@ -220,7 +256,7 @@ impl ForwardStep<'_> {
         };
         let all = (0..self.owner.len()).into_par_iter().map(scored).collect::<Vec<_>>();
         let (gains, all): (Vec<f64>, Vec<Vec<Option<Partner>>>) = all.into_iter().unzip();
-        let mut sets = self.exact_sets(comparison, fit, (&projection, &gains));
+        let mut sets = self.exact_sets(comparison, begin, (&projection, &gains));
         for (k, beginning) in beginnings.iter().enumerate() {
             let mut partners: Vec<Partner> = all.iter().filter_map(|own| own[k]).collect();
             partners.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.direction.cmp(&b.direction)));
@@ -246,7 +282,7 @@ impl ForwardStep<'_> {
     fn exact_sets(
         &self,
         comparison: &Comparison,
-        fit: &[usize],
+        begin: &[usize],
         (projection, gains): (&Projection, &[f64]),
     ) -> Vec<EffectSet> {
         // the best direction of each candidate
@@ -283,7 +319,7 @@ impl ForwardStep<'_> {
         let best = columns.best_subsets(SETS, |k, amount| point(k).multiple(amount));
         let begun = |subset: Subset| -> Option<EffectSet> {
             let candidates: Vec<usize> = subset.members.iter().map(|(k, _)| chosen[*k].0).collect();
-            let model = *fit.iter().find(|o| candidates.contains(&comparison.models[**o].candidate))?;
+            let model = *begin.iter().find(|o| candidates.contains(&comparison.models[**o].candidate))?;
             let others = subset.members.iter().filter(|(k, _)| chosen[*k].0 != comparison.models[model].candidate);
             Some(EffectSet { model, partners: others.map(|(k, amount)| (chosen[*k].1.direction, *amount)).collect() })
         };

@@ -4,10 +4,13 @@
 //! text is fitted once more by plain output error, as `fit` would, and only what it does is told. It must not do worse than the model
 //! without the effects.
 
+use super::acceptance::{at_bound, below_null};
+use super::elimination::Accepted;
 use super::fitted_model::{FittedModel, shared_from};
 use super::initial_fit::{Thoroughness, plain_fit};
 use super::runs::{DiagnosisOptions, Domain, GoesOn, Runs};
 use crate::bins::Signals;
+use fdm_grammar::effect::NewParam;
 use fdm_grammar::model::Origin;
 use std::ops::Range;
 
@@ -44,6 +47,13 @@ impl WrittenModel {
         let whose = if self.validation.is_some() { "validation" } else { "fitted" };
         let percent = larger(self.ratio())?;
         Some(format!("the residual of the written model is {percent:.1} % larger on {whose} runs than without it"))
+    }
+
+    /// A parameter of its effects with a value that physics does not have, or at a bound, in a sentence.
+    pub(super) fn against_physics(&self, effects: &[Accepted]) -> Option<String> {
+        let (model, theta) = (&self.fitted.model, self.fitted.theta.first()?);
+        let value = |p: &NewParam| model.definition().param(&p.name).map(|k| theta[k]);
+        effects.iter().find_map(|a| below_null(&a.params, value).or_else(|| at_bound(&a.params, value)))
     }
 }
 

@@ -24,10 +24,12 @@ const MOST_UNEVEN: usize = 100_000;
 const MOST_PASSES: usize = 6;
 /// Local tolerance with which the sizes of states and outputs are found.
 const ROUGH: f64 = 1e-4;
-/// Ratio of the longest to the shortest interval from which derivatives are asked as well, and the part of their largest by which halved
-/// steps may move them.
+/// Ratio of the longest to the shortest interval from which derivatives by equal steps are asked as well (those by uneven ones always
+/// are), and the part of their largest by which halved steps may move them.
 const GRADED: f64 = 1000.0;
 const ROUGH_SENSITIVITY: f64 = 1e-3;
+/// Derivatives that are kept at once while they are compared.
+const MOST_DERIVATIVES: usize = 1 << 24;
 /// Smallest local tolerance.
 const FINEST: f64 = 1e-13;
 
@@ -142,8 +144,8 @@ fn choose(
             Ok(choice.uneven(Scheme::Radau, choice.most_uneven())?.unwrap_or(least))
         }
         Some(Scheme::RungeKutta) => {
-            let equal = choice.equal(Scheme::RungeKutta, MOST_PER_INTERVAL, STALLS)?;
-            choice.better_uneven(equal, MOST_STEPS)
+            let explicit = choice.explicit(MOST_STEPS)?;
+            Ok(choice.steadied(&explicit)?.unwrap_or(explicit))
         }
         None | Some(Scheme::Recursion { .. }) => match choice.linear() {
             Some(exact) if discrete::suits(layout) || scheme.is_some() => choice.exact(exact),
@@ -211,18 +213,36 @@ impl Choice<'_> {
         let equal = self.equal(Scheme::RungeKutta, enough, STALLS)?;
         let good = equal.error <= self.aim.enough;
         let alone = !self.may_be_uneven() || self.dynamics.layout().states > MOST_IMPLICIT;
-        if alone || good && self.sensitivities_stand(&equal.steps)? {
-            return if good { Ok(equal) } else { self.explicit(MOST_STEPS) };
+        if good && (alone || self.trusted(&equal.steps) || self.sensitivities_move(&equal.steps)? <= ROUGH_SENSITIVITY)
+        {
+            return Ok(equal);
         }
-        let Some(implicit) = self.uneven(Scheme::Radau, self.most_uneven())? else { return self.explicit(MOST_STEPS) };
-        if implicit.error > self.aim.enough {
+        if alone {
             let explicit = self.explicit(MOST_STEPS)?;
-            return Ok(if explicit.error <= implicit.error { explicit } else { implicit });
+            return Ok(self.steadied(&explicit)?.unwrap_or(explicit));
         }
+        let implicit = self.uneven(Scheme::Radau, self.most_uneven())?;
+        let implicit = match implicit {
+            Some(implicit) if implicit.error <= self.aim.enough => implicit,
+            rough => {
+                let explicit = self.explicit(MOST_STEPS)?;
+                let explicit = self.steadied(&explicit)?.unwrap_or(explicit);
+                return Ok(rough.filter(|implicit| implicit.error < explicit.error).unwrap_or(explicit));
+            }
+        };
         let worth = implicit.steps.total(samples) as f64 * self.work.radau / self.work.runge_kutta;
         let explicit = self.explicit((worth as usize).min(MOST_STEPS))?;
-        let fewer = explicit.error <= self.aim.enough && explicit.steps.total(samples) as f64 <= worth;
-        Ok(if fewer && self.sensitivities_stand(&explicit.steps)? { explicit } else { implicit })
+        let fewer =
+            |explicit: &Accuracy| explicit.error <= self.aim.enough && explicit.steps.total(samples) as f64 <= worth;
+        if !fewer(&explicit) {
+            return Ok(implicit);
+        }
+        if let Some(steady) = self.steadied(&explicit)? {
+            return Ok(if fewer(&steady) { steady } else { implicit });
+        }
+        // what is rough by both methods is the model, not its stability
+        let rough = self.sensitivities_move(&explicit.steps)? <= 2.0 * self.sensitivities_move(&implicit.steps)?;
+        Ok(if rough { explicit } else { implicit })
     }
 
     /// The best explicit steps that are not more than `most`.
@@ -240,14 +260,28 @@ impl Choice<'_> {
         }
         let most = if good { equal.steps.total(samples).min(most) } else { most };
         let found = self.uneven(Scheme::RungeKutta, most.min(self.most_uneven()))?;
-        Ok(match found {
-            Some(uneven) if good && uneven.error > self.aim.enough => equal,
-            Some(uneven) if !good && uneven.error > 0.7 * equal.error => equal,
+        let Some(uneven) = found else { return Ok(equal) };
+        let better = if good {
             // as many steps of equal length are the simpler choice
-            Some(uneven) if good && 2 * uneven.steps.total(samples) > equal.steps.total(samples) => equal,
-            Some(uneven) => uneven,
-            None => equal,
-        })
+            uneven.error <= self.aim.enough && 2 * uneven.steps.total(samples) <= equal.steps.total(samples)
+        } else {
+            uneven.error <= 0.7 * equal.error
+        };
+        Ok(if better { uneven } else { equal })
+    }
+
+    /// Explicit steps if derivatives by them stand, or else their halves if those do: steps at the edge of stability are well within it
+    /// then.
+    fn steadied(&self, explicit: &Accuracy) -> Result<Option<Accuracy>, Unsuited> {
+        if self.trusted(&explicit.steps) || self.sensitivities_move(&explicit.steps)? <= ROUGH_SENSITIVITY {
+            return Ok(Some(explicit.clone()));
+        }
+        let steps = explicit.steps.halved();
+        if self.sensitivities_move(&steps)? > ROUGH_SENSITIVITY {
+            return Ok(None);
+        }
+        let error = integration_error(self.dynamics, self.run, self.theta, steps.clone())?;
+        Ok(Some(Accuracy { steps, error }))
     }
 
     /// Doubles the steps between samples until halving them moves nothing, or has not helped so many times in a row.
@@ -275,30 +309,49 @@ impl Choice<'_> {
         Ok(best)
     }
 
-    /// Whether halving explicit steps leaves the sensitivities. A model at rest stays there whatever the step, so that its response says nothing
-    /// of steps that are far too long. Asked only where intervals differ by much.
-    fn sensitivities_stand(&self, steps: &Steps) -> Result<bool, Unsuited> {
+    /// Whether a good response vouches for the derivatives. It does not where it may stand still: a model at rest stays there whatever
+    /// the step. Nor where steps were made for it: they lie at the edge of stability, where its decayed part hides a growth that any
+    /// change of a parameter starts.
+    fn trusted(&self, explicit: &Steps) -> bool {
         let intervals = || self.run.time.windows(2).map(|w| w[1] - w[0]);
         let (shortest, longest) = (intervals().fold(f64::INFINITY, f64::min), intervals().fold(0.0, f64::max));
+        explicit.per_interval().is_some() && longest <= GRADED * shortest
+    }
+
+    /// By how much halving steps moves a derivative, as a part of the largest of its parameter; the largest over all samples, outputs
+    /// and parameters. Infinite where there is none, or no time for it.
+    fn sensitivities_move(&self, steps: &Steps) -> Result<f64, Unsuited> {
         let lanes = &self.dynamics.layout().stage.lane;
         let columns: Vec<usize> = (0..lanes.len()).filter(|param| lanes[*param].is_some()).collect();
-        if longest <= GRADED * shortest || columns.is_empty() {
-            return Ok(true);
+        let rows = self.run.len() * self.dynamics.layout().outputs;
+        let tile = (MOST_DERIVATIVES / rows.max(1)).next_multiple_of(VECTOR);
+        let mut worst = 0.0_f64;
+        for columns in columns.chunks(tile) {
+            if !(self.goes_on)() {
+                return Ok(f64::INFINITY);
+            }
+            let stride = columns.len().next_multiple_of(VECTOR);
+            let at = |steps: Steps| -> Result<Option<Vec<f64>>, Unsuited> {
+                let mut simulator = Simulator::new(self.dynamics, self.run, steps)?;
+                let (mut y, mut jacobian) = (vec![0.0; rows], vec![0.0; rows * stride]);
+                Ok(simulator.sensitivities(self.theta, columns, &mut y, &mut jacobian).is_ok().then_some(jacobian))
+            };
+            let (Some(coarse), Some(fine)) = (at(steps.clone())?, at(steps.halved())?) else {
+                return Ok(f64::INFINITY);
+            };
+            for column in 0..columns.len() {
+                let pairs = (column..fine.len()).step_by(stride).map(|at| (coarse[at], fine[at]));
+                let largest = pairs.clone().fold(0.0, |largest: f64, (_, fine)| largest.max(fine.abs()));
+                let off = pairs.fold(0.0, |off: f64, (coarse, fine)| {
+                    // an infinite or undefined one is lost by any measure
+                    if (coarse - fine).is_finite() { off.max((coarse - fine).abs()) } else { f64::INFINITY }
+                });
+                if off > 0.0 {
+                    worst = worst.max(off / largest);
+                }
+            }
         }
-        let stride = columns.len().next_multiple_of(VECTOR);
-        let at = |steps: Steps| -> Result<Option<Vec<f64>>, Unsuited> {
-            let mut simulator = Simulator::new(self.dynamics, self.run, steps)?;
-            let rows = simulator.samples() * simulator.outputs();
-            let (mut y, mut jacobian) = (vec![0.0; rows], vec![0.0; rows * stride]);
-            Ok(simulator.sensitivities(self.theta, &columns, &mut y, &mut jacobian).is_ok().then_some(jacobian))
-        };
-        let (Some(coarse), Some(fine)) = (at(steps.clone())?, at(steps.halved())?) else { return Ok(false) };
-        Ok((0..columns.len()).all(|column| {
-            let of = |jacobian: &[f64], row: usize| jacobian[row * stride + column];
-            let rows = 0..fine.len() / stride;
-            let largest = rows.clone().fold(0.0, |l: f64, row| l.max(of(&fine, row).abs()));
-            rows.into_iter().all(|row| (of(&coarse, row) - of(&fine, row)).abs() <= ROUGH_SENSITIVITY * largest)
-        }))
+        Ok(worst)
     }
 
     /// Steps as long as accuracy allows; none when there are no such steps, or more than `most`.
@@ -618,6 +671,44 @@ mod tests {
         let (by_k, by_l) = (4.0 / 1.2, -1.0 / 1.2);
         let last = &jacobian[8 * (run.len() - 1)..];
         assert!((last[0] / by_k - 1.0).abs() < 1e-6 && (last[1] / by_l - 1.0).abs() < 1e-6, "{last:?}");
+    }
+
+    /// A quick state that has settled hides steps at the edge of their stability from the response; what moves it does not.
+    #[test]
+    fn steps_that_follow_a_response_keep_its_derivatives() {
+        let text = "model quick { param a = 0.3, l = 60, z0 = 1; state x = 1; state z = z0; der(x) = -a*x*x; der(z) = l*(x - z); output y = z; }";
+        let model = Model::from_text("quick.fdm", text).unwrap();
+        let time: Vec<f64> = (0..12).map(|k| 5.0 * f64::from(k)).collect();
+        let run = Run {
+            name: "q".into(),
+            measured: vec![0.0; time.len()],
+            output_gaps: vec![0],
+            time: time.clone(),
+            inputs: Vec::new(),
+            held: Vec::new(),
+            input_gaps: Vec::new(),
+        };
+        let theta = model.definition().start();
+        let dynamics = model.dynamics();
+        let (work, aim) = (Work::of(dynamics.layout()), Aim::at(TOLERANCE));
+        let choice = Choice { dynamics, run: &run, theta: &theta, work, aim, goes_on: &|| true };
+        let followed = choice.explicit(MOST_STEPS).unwrap();
+        let moved = choice.sensitivities_move(&followed.steps).unwrap();
+        assert!(followed.error < 1e-8 && moved > ROUGH_SENSITIVITY, "{} {moved}", followed.error);
+        for scheme in [None, Some(Scheme::RungeKutta)] {
+            let chosen = choose_steps_by(dynamics, &run, &theta, scheme).unwrap();
+            let mut simulator = Simulator::new(dynamics, &run, chosen.steps).unwrap();
+            let (mut y, mut jacobian) = (vec![0.0; run.len()], vec![0.0; run.len() * 8]);
+            simulator.sensitivities(&theta, &[0, 1, 2], &mut y, &mut jacobian).unwrap();
+            for (row, t) in jacobian.chunks(8).zip(&time).skip(1) {
+                // z follows x = 1/(1 + a t) by 1/l
+                let by_a = -t / (1.0 + 0.3 * t).powi(2);
+                assert!(
+                    (row[0] - by_a).abs() < 1e-2 && row[1].abs() < 1e-4 && row[2].abs() < 1e-3,
+                    "{scheme:?} {t} {row:?}"
+                );
+            }
+        }
     }
 
     /// Robertson's kinetics, whose steps are all chosen by trial: a search that is ended ends there, and leaves one step.
