@@ -110,7 +110,7 @@ impl<'r> Ready<'r> {
             return Err(FitError::Strategy(mistake));
         }
         let start = starts(&model, runs, &options.changes);
-        let known = deviations.as_ref().map(|d| without_infinite(&model, runs, &start, d)).transpose()?;
+        let known = deviations.as_ref().map(|d| without_infinite(&model, runs, &start, d, observer)).transpose()?;
         let runs = known.map_or(Cow::Borrowed(runs), Cow::Owned);
         if let Some(refused) = smoothing_mistake(&model, &options.options.smooth_by, runs.len()) {
             return Err(FitError::Strategy(refused));
@@ -150,7 +150,7 @@ pub fn fit_from(
 ) -> Result<Fit, FitError> {
     let squares = without_noise(model);
     let deviations = deviations(model, &options.options.noise);
-    let known = deviations.as_ref().map(|d| without_infinite(&squares, runs, starts, d)).transpose()?;
+    let known = deviations.as_ref().map(|d| without_infinite(&squares, runs, starts, d, observer)).transpose()?;
     let runs = known.as_deref().unwrap_or(runs);
     let first = attempt(&squares, runs, starts, options, observer)?;
     let end = &first.estimate.termination;

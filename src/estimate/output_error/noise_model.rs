@@ -4,7 +4,7 @@
 use super::error::{FitError, StrategyError};
 use super::fit::{Fit, NoiseOfSamples};
 use super::options::FitOptions;
-use super::single::{after, chosen_steps, stopped};
+use super::single::{after, chosen_steps, goes_on, stopped};
 use super::standardised::Standardised;
 use crate::derived::DerivedQuantities;
 use crate::estimate::{Estimate, RunFit, Symmetric};
@@ -19,7 +19,7 @@ use crate::uncertainty::sandwich::NoiseColour;
 use fdm_grammar::graph::show;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
-use fdm_system::simulate::{Accuracy, Scheme, Simulator, Steps, choose_steps_within, integration_error};
+use fdm_system::simulate::{Accuracy, Scheme, Simulator, Steps, choose_steps_while, integration_error};
 use std::f64::consts::TAU;
 
 /// The outputs (q) whose noise is an expression and is not put aside by what was asked for: the place of one over the deviation among the outputs of
@@ -53,6 +53,7 @@ pub(crate) fn without_infinite(
     runs: &[Run],
     starts: &[Vec<f64>],
     deviations: &[Option<usize>],
+    observer: &mut dyn Observer,
 ) -> Result<Vec<Run>, FitError> {
     let Some(definition) = model.definition().with_precisions() else { return Ok(runs.to_vec()) };
     let (whole, q) = (model.sketched(definition), deviations.len());
@@ -67,12 +68,17 @@ pub(crate) fn without_infinite(
         // rough steps are enough where nothing is to be decided; with a stiff model, or over a long interval, they may give any number
         let mut decided =
             simulate(run, Steps::equal(Scheme::default(), 1), &mut y)? && are_ordinary(run, deviations, &y);
-        for tolerance in [ROUGH, 0.0] {
+        for accuracy in [Some(ROUGH), None] {
             if decided {
                 break;
             }
             y.fill(f64::NAN);
-            let chosen = choose_steps_within(whole.dynamics(), run, theta, tolerance);
+            let running = goes_on(observer);
+            let chosen = choose_steps_while(whole.dynamics(), run, theta, None, accuracy, &running);
+            if !running() {
+                // such steps say nothing of the start
+                return Ok(runs.to_vec());
+            }
             // where the start diverges all the same, what comes before is judged
             let finite = simulate(run, chosen.map_err(|e| FitError::unsuited(run, e))?.steps, &mut y)?;
             decided = finite && are_ordinary(run, deviations, &y);

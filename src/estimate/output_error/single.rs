@@ -128,7 +128,7 @@ fn finer(steps: &[Steps], integration: &[Accuracy], chosen: Vec<Accuracy>, coars
 }
 
 /// Method and steps of each run for these values, as accurate as was asked for. What stops the work while they are sought leaves rough
-/// ones; what has stopped it before does not, since then the values that were reached are still to be judged.
+/// ones.
 pub(crate) fn chosen_steps(
     model: &Model,
     runs: &[Run],
@@ -136,14 +136,20 @@ pub(crate) fn chosen_steps(
     options: &FitOptions,
     observer: &mut dyn Observer,
 ) -> Result<Vec<Accuracy>, FitError> {
-    let was_stopped = stopped(observer).is_some();
-    let observer = RefCell::new(observer);
-    let goes_on = || was_stopped || stopped(&mut **observer.borrow_mut()).is_none();
+    let goes_on = goes_on(observer);
     let steps = |(run, theta): (&Run, &Vec<f64>)| {
         let chosen = choose_steps_while(model.dynamics(), run, theta, options.scheme, options.accuracy, &goes_on);
         chosen.map_err(|e| FitError::unsuited(run, e))
     };
     runs.iter().zip(starts).map(steps).collect()
+}
+
+/// Whether work goes on that is asked often: until something stops it. What has stopped before does not, since then the values that were
+/// reached are still to be judged.
+pub(crate) fn goes_on<'o>(observer: &'o mut dyn Observer) -> impl Fn() -> bool + 'o {
+    let was_stopped = stopped(observer).is_some();
+    let observer = RefCell::new(observer);
+    move || was_stopped || stopped(&mut **observer.borrow_mut()).is_none()
 }
 
 /// Why the work is to end, other than by the number of its iterations.

@@ -363,7 +363,10 @@ impl Choice<'_> {
             scales = step_control::measure(&mut at(Scheme::Radau), scales, self.most_uneven());
         }
         let mut probe = at(scheme);
-        let Some((_, met)) = step_control::choose(&mut probe, scheme, ROUGH, &scales, most) else { return Ok(None) };
+        // sizes that are far too large let a state pass a point from which there is no way back; more explicit steps would be too many
+        let finer: &[f64] = if scheme == Scheme::Radau { &[1.0, 1e-2, 1e-4] } else { &[1.0] };
+        let tried = |finer: &f64| step_control::choose(&mut probe, scheme, ROUGH * finer, &scales, most);
+        let Some((_, met)) = finer.iter().find_map(tried) else { return Ok(None) };
         scales = met;
         let (mut tolerance, mut best): (f64, Option<Accuracy>) = (self.aim.enough, None);
         for _ in 0..MOST_PASSES {
@@ -708,6 +711,23 @@ mod tests {
                     "{scheme:?} {t} {row:?}"
                 );
             }
+        }
+    }
+
+    /// Robertson's kinetics at times ever farther apart: with the sizes that steps of whole intervals show, the second state may become
+    /// negative, and then runs away.
+    #[test]
+    fn a_state_that_would_run_away_is_followed() {
+        let text = "model kinetics { param k = 0.05; state a = 1; state b = 0; state c = 0; der(a) = 1e4*b*c - k*a; \
+                    der(b) = k*a - 1e4*b*c - 3e7*b*b; der(c) = 3e7*b*b; output y = a; output z = c; }";
+        let model = Model::from_text("kinetics.fdm", text).unwrap();
+        let time = vec![0.0, 0.04, 0.4, 4.0, 40.0, 400.0, 4e3, 4e4];
+        let (measured, output_gaps) = (vec![0.0; 2 * time.len()], vec![0, 0]);
+        let (name, inputs, held, input_gaps) = ("a".into(), Vec::new(), Vec::new(), Vec::new());
+        let run = Run { name, inputs, held, measured, input_gaps, output_gaps, time };
+        for k in [0.03, 0.04, 0.045, 0.05, 0.055, 0.06, 0.1] {
+            let chosen = choose_steps(model.dynamics(), &run, &[k]).unwrap();
+            assert!(chosen.error < 1e-6 && chosen.steps.total(run.len()) < 500, "{k} {chosen:?}");
         }
     }
 
