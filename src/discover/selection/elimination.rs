@@ -47,8 +47,9 @@ impl Accepted {
         Self { cause, candidate: attached.candidate.clone(), params: attached.params().to_vec(), choice, near }
     }
 
-    pub(super) fn written(&self) -> (Candidate, Choice) {
-        (self.candidate.clone(), self.choice.clone())
+    /// As it stands in the text at the values of a fit of the model that it is a part of.
+    pub(super) fn written_at(&self, fitting: &Fitting) -> (Candidate, Choice) {
+        (self.candidate.clone(), at(&self.choice, &self.params, fitting))
     }
 
     /// Parameters that it costs.
@@ -83,7 +84,7 @@ pub(super) fn eliminate(
         let fit = split_fit(&current, runs, noise)?;
         let without = |k: usize| {
             let others = accepted.iter().enumerate().filter(|(other, _)| *other != k);
-            let effects: Vec<_> = others.map(|(_, a)| a.written()).collect();
+            let effects: Vec<_> = others.map(|(_, a)| a.written_at(&fit.fitting)).collect();
             let (smaller, params) = rebuilt(first, &current, &fit.theta, runs, &effects).ok()?;
             let lost = split_fit(&smaller, runs, noise).ok()?.cost() - fit.cost();
             Some((k, lost, smaller, params))
@@ -100,6 +101,16 @@ pub(super) fn eliminate(
         dropped.push(Rejected { place: gone.cause.place, step: k + 1, gain_training, gain_validation, reason });
     }
     Ok((current, dropped))
+}
+
+/// The values of an effect's parameters in a fit; what is not estimated there as it was.
+fn at(choice: &Choice, params: &[NewParam], fitting: &Fitting) -> Choice {
+    let own = |local: &String| params.iter().find(|p| p.local == *local && !p.fixed);
+    let of = |(local, value): (&String, &f64)| {
+        let estimate = own(local).and_then(|p| fitting.shared(&p.name));
+        (local.clone(), estimate.map_or(*value, |estimate| estimate.value))
+    };
+    choice.iter().map(of).collect()
 }
 
 /// What the parameters and the kind of an effect cost.
@@ -160,24 +171,35 @@ pub(super) fn revise(
     for k in 0..accepted.len() - 1 {
         let fit = split_fit(&current, runs, noise)?;
         let own = -fit.cost() - accepted[k].penalty();
-        let try_instead = |(candidate, choice): &(Candidate, Choice)| -> Option<Tried> {
-            let mut effects: Vec<_> = accepted.iter().map(Accepted::written).collect();
-            effects[k] = (candidate.clone(), choice.clone());
-            let (current, params) = rebuilt(first, &current, &fit.theta, runs, &effects).ok()?;
+        let written: Vec<(Candidate, Choice)> = accepted.iter().map(|a| a.written_at(&fit.fitting)).collect();
+        let fitted = |effects: &[(Candidate, Choice)], like: &FittedModel, theta: &[Vec<f64>]| -> Option<Tried> {
+            let (candidate, choice) = effects[k].clone();
+            let (current, params) = rebuilt(first, like, theta, runs, effects).ok()?;
             let fit = split_fit(&current, runs, noise).ok()?;
             let value = |p: &NewParam| fit.fitting.shared(&p.name).map(|e| e.value);
             if params.iter().any(|params| below_null(params, value).is_some()) {
                 return None;
             }
-            let score = -fit.cost() - penalty(candidate, &params[k]);
-            Some(Tried {
-                candidate: candidate.clone(),
-                current,
-                params,
-                score,
-                gain: -fit.fitting.cost,
-                choice: choice.clone(),
-            })
+            let score = -fit.cost() - penalty(&candidate, &params[k]);
+            Some(Tried { candidate, current, params, score, gain: -fit.fitting.cost, choice })
+        };
+        // alone in the place of another an effect may begin periods away: beside it, it takes over its part
+        let begun_beside = |(candidate, choice): &(Candidate, Choice)| -> Option<Tried> {
+            let mut effects = written.clone();
+            effects.push((candidate.clone(), choice.clone()));
+            let (both, params) = rebuilt(first, &current, &fit.theta, runs, &effects).ok()?;
+            let joint = split_fit(&both, runs, noise).ok()?;
+            for ((_, choice), params) in effects.iter_mut().zip(&params) {
+                *choice = at(choice, params, &joint.fitting);
+            }
+            effects.swap_remove(k);
+            fitted(&effects, &both, &joint.theta)
+        };
+        let try_instead = |near: &(Candidate, Choice)| -> Option<Tried> {
+            let mut effects = written.clone();
+            effects[k] = near.clone();
+            let tried = [fitted(&effects, &current, &fit.theta), begun_beside(near)];
+            tried.into_iter().flatten().max_by(|a, b| a.score.total_cmp(&b.score))
         };
         // what is in the model already is no alternative
         let there = |near: &&(Candidate, Choice)| accepted.iter().any(|a| a.cause.place == place(&near.0));

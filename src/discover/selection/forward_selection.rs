@@ -881,14 +881,20 @@ impl<'a> ForwardSelection<'a> {
     }
 }
 
-/// Candidate models (of those that may be accepted) that come near to one, with the values that were fitted.
+/// Candidate models (of those that may be accepted) that come near to one, with the values that were fitted; what has another sign than
+/// physics alone begins on the other side.
 fn near(step: &ForwardStep<'_>, comparison: &Comparison, k: usize, can: &[usize]) -> Vec<(Candidate, Choice)> {
     let score = comparison.models[k].score();
     let least = score - (APART * score).max(BEHIND);
     let close = |(o, c): &(usize, &CandidateModel)| *o != k && c.score() > least && can.contains(o);
     let of = |(_, c): (usize, &CandidateModel)| {
         let attached = &step.simulated[c.candidate].attached;
-        (attached.candidate.clone(), written(attached, &c.fitting.theta[0]))
+        let mut choice = written(attached, &c.fitting.theta[0]);
+        for (local, value) in &mut choice {
+            let bound = attached.params().iter().find(|p| p.positive && p.local == *local);
+            *value = bound.map_or(*value, |p| p.null + (*value - p.null).abs());
+        }
+        (attached.candidate.clone(), choice)
     };
     comparison.models.iter().enumerate().filter(close).take(NEAR).map(of).collect()
 }

@@ -20,7 +20,7 @@
 
 use super::acceptance::below_null;
 use super::all_samples::AllSamples;
-use super::elimination::{Accepted, rebuilt};
+use super::elimination::{Accepted, rebuilt, revise};
 use super::error::DiagnosisError;
 use super::fitted_model::{FittedModel, SplitFit, split_fit, split_fit_within};
 use super::fitting::NOTHING;
@@ -351,7 +351,7 @@ impl FrontProblem<'_> {
         let without = |k: &usize| -> Option<(Vec<Accepted>, FittedModel, SplitFit)> {
             let mut accepted = level.accepted.clone();
             accepted.remove(*k);
-            let effects: Vec<_> = accepted.iter().map(Accepted::written).collect();
+            let effects: Vec<_> = accepted.iter().map(|a| a.written_at(&level.split.fitting)).collect();
             let (smaller, params) =
                 rebuilt(self.first, &level.current, &level.split.theta, self.runs, &effects).ok()?;
             accepted.iter_mut().zip(params).for_each(|(a, params)| a.params = params);
@@ -371,7 +371,22 @@ impl FrontProblem<'_> {
                 |a: &Level, b: &Level| a.ratio().total_cmp(&b.ratio()).then(a.split.cost().total_cmp(&b.split.cost()));
             best = best.into_iter().chain(levels).min_by(order);
         }
-        best
+        best.map(|level| self.revised(level))
+    }
+
+    /// A model of two effects, or the one with another effect in the place of the first that is likelier beside the second and leaves less:
+    /// among more effects these had shared its part.
+    fn revised(&self, level: Level) -> Level {
+        if level.accepted.len() != 2 {
+            return level;
+        }
+        let mut accepted = level.accepted.clone();
+        let current = revise(Arc::clone(&level.current), self.first, self.runs, self.noise, &mut accepted);
+        let split = current.and_then(|current| Ok((split_fit(&current, self.runs, self.noise)?, current)));
+        let changed = accepted[0].cause.place != level.accepted[0].cause.place;
+        let other = split.ok().filter(|_| changed);
+        let other = other.map(|(split, current)| self.level(level.path, accepted, current, split));
+        other.filter(|other| other.ratio() < level.ratio()).unwrap_or(level)
     }
 
     /// Which of them is recommended: they come with falling numbers of parameters.
