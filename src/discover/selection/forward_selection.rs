@@ -14,7 +14,7 @@ use super::fitted_model::{FittedModel, SplitFit, shared_from, split_fit};
 use super::forward_step::ForwardStep;
 use super::front::{FrontProblem, SearchPath};
 use super::initial_fit::initial_fits;
-use super::law_curve::law_model;
+use super::law_curve::{LawModel, law_model};
 use super::look_ahead::{Acceptable, NextStep};
 use super::predictor::responses;
 use super::runs::{DiagnosisOptions, Domain, GoesOn, Progress, Runs, apart, prepared, thinned};
@@ -22,7 +22,7 @@ use super::significance::confirmed;
 use super::whitening::CommonNoise;
 use super::written_model::WrittenModel;
 use crate::diagnosis::{Cause, Diagnosis, EffectAt, FrontModel, LeftOut, Rejected, SelectionStep, Verdict};
-use crate::disturbance::{Attribution, BELIEVED, Origin, ResidualEvidence};
+use crate::disturbance::{Attribution, BELIEVED, Law, Origin, ResidualEvidence};
 use fdm_estimate::changed;
 use fdm_grammar::effect::{Candidate, Catalogue, Choice, Subject};
 use fdm_grammar::syntax::Class;
@@ -656,6 +656,25 @@ impl<'a> ForwardSelection<'a> {
         let mut attribution =
             evidence.as_ref().map(|h| against(&first.model, h, explained.as_ref().map(|e| (e, cost))));
         let mut verdict = self.verdict(attribution.as_ref(), end.family_wise, confirmed);
+        let in_time = *self.runs.domain == Domain::Time;
+        let left = explained.as_ref().is_some_and(ResidualEvidence::repeats);
+        let curve_of = |law: &Law| -> Option<LawModel> {
+            (self.progress)("fitting the curve of an unmodelled law");
+            law_model(first, &before.theta, law, (runs, options, goes_on)).ok()
+        };
+        let likeliest = evidence.as_ref().filter(|_| in_time && goes_on()).and_then(|e| e.nonlinearities.curve());
+        let mut fitted_law = None;
+        if let (Verdict::UnknownCause, Some((law, _)), Some(current), Some(own)) =
+            (verdict, &likeliest, &last, &written)
+            && !left
+        {
+            // effects that leave nothing of a law and predict better than its curve are what it is
+            fitted_law = curve_of(law);
+            let better = |law: &LawModel| problem.predicts_better((current, &own.fitted), law.fits());
+            if fitted_law.as_ref().is_none_or(better) {
+                verdict = Verdict::EffectFound;
+            }
+        }
         let mut told = match verdict {
             Verdict::NoEffectFound if !end.stopped => self.beyond_noise(first, noise),
             _ => Vec::new(),
@@ -677,15 +696,11 @@ impl<'a> ForwardSelection<'a> {
             (last, new, written, over_all) = (None, old.clone(), None, None);
         }
         // a law without a name, as a table in the text; recommended where nothing else is. Beside effects it is fitted where it is likelier
-        let law = evidence.as_ref().filter(|_| (self.goes_on)()).and_then(|e| e.nonlinearities.curve());
         let effects = attribution.as_ref().and_then(|a| a.by_effect).unwrap_or(0.0).max(0.0);
-        let left = explained.as_ref().is_some_and(ResidualEvidence::repeats);
         let unnamed = |odds: f64| verdict == Verdict::UnknownCause || (left && odds > effects + BELIEVED);
-        let law = law.and_then(|(law, odds)| unnamed(odds).then_some(law));
         let mut curve = None;
-        if let Some(law) = law.filter(|_| *self.runs.domain == Domain::Time) {
-            (self.progress)("fitting the curve of an unmodelled law");
-            if let Ok(law) = law_model(first, &before.theta, &law, (runs, options, goes_on)) {
+        if let Some((law, _)) = likeliest.filter(|(_, odds)| unnamed(*odds) && goes_on()) {
+            if let Some(law) = fitted_law.or_else(|| curve_of(&law)) {
                 let mut told = problem.law(&law);
                 if let Some(attribution) = attribution.as_mut().filter(|_| told.objection.is_none()) {
                     let stand_in = "that law as a table in the text, a stand-in for what has no name";
@@ -704,7 +719,6 @@ impl<'a> ForwardSelection<'a> {
                 front.push(told);
             }
         }
-        let in_time = *self.runs.domain == Domain::Time;
         if options.tables && in_time && self.may_be_curved(verdict, left) && (self.goes_on)() {
             (self.progress)("trying coefficients as tables");
             let current = last.as_deref().or(curve.as_ref());

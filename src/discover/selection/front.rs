@@ -27,10 +27,14 @@ use super::fitting::NOTHING;
 use super::free_motion::{Repeated, repeated_in_the_end};
 use super::initial_fit::{Thoroughness, plain_fit};
 use super::law_curve::LawModel;
+use super::predictor::Predictor;
 use super::runs::{DiagnosisOptions, Domain, GoesOn, Runs};
+use super::shortlist::likelihood_as_noise;
 use super::whitening::CommonNoise;
 use super::written_model::{WrittenModel, larger, squares, written_model};
+use crate::bins::Signals;
 use crate::diagnosis::{Cause, EffectAt, FrontModel, FrontOutput, Rejected};
+use crate::disturbance::BELIEVED;
 use fdm_estimate::residuals::{Advantage, advantage};
 use fdm_grammar::effect::NewParam;
 use fdm_grammar::syntax::Class;
@@ -411,17 +415,35 @@ impl FrontProblem<'_> {
         {
             chosen = other;
         }
-        // what a search passed over is a smaller model that predicts as well, or one that predicts clearly better
+        // what a search passed over is a smaller model that predicts as well, one that predicts clearly better, or one of the same size that
+        // leaves less, predicts better, and leaves what is likelier as noise: the noise found may be what the other one leaves
         for k in (0..levels.len()).rev().filter(|k| levels[*k].aside && levels[*k].objection().is_none()) {
             let (own, other) = (&levels[k], &levels[chosen]);
             let (Some(a), Some(b)) = (&own.predicted, &other.predicted) else { continue };
             let smaller = own.size() < other.size() && self.is_as_good(own, other, naive);
             let clear = |gained: Advantage| gained.reduction > (CLEAR * gained.error).max(USELESS);
-            if smaller || (own.size() <= other.size() && self.advantage(a, b, naive).is_some_and(clear)) {
+            let better = own.size() <= other.size() && self.advantage(a, b, naive).is_some_and(clear);
+            let less = |own: f64, other: f64| own < (1.0 - USELESS) * other;
+            let leaves_less = own.size() == other.size()
+                && less(own.ratio(), other.ratio())
+                && less(self.relative(a, naive), self.relative(b, naive))
+                && self.likelihood_as_noise(own) > self.likelihood_as_noise(other) + BELIEVED;
+            if smaller || better || leaves_less {
                 chosen = k;
             }
         }
         Some(chosen)
+    }
+
+    /// How likely it is that what a written model leaves is noise, of any smooth spectrum.
+    fn likelihood_as_noise(&self, level: &Level) -> f64 {
+        let Ok(WrittenModel { fitted, .. }) = &level.written else { return f64::NEG_INFINITY };
+        let of = |((run, predictor), y): ((&Run, &Predictor), &Signals)| -> Signals {
+            predictor.measured(run).iter().zip(y).map(|(z, y)| z - y).collect()
+        };
+        let runs = self.runs.train();
+        let left: Vec<Signals> = runs.iter().zip(&fitted.predictors).zip(&fitted.response).map(of).collect();
+        likelihood_as_noise(fitted, runs, self.noise.growths(), &left)
     }
 
     /// The same of those that are of a kind.

@@ -9,13 +9,16 @@
 //! other bin only, and alike in all runs, which noise of a smooth spectrum is not: without it the residual is likelier, each by the noise that
 //! suits it best (marginal likelihood over all spectra).
 
+use super::fitted_model::FittedModel;
 use super::fitting::Fitting;
 use super::forward_step::{ForwardStep, PENALTY, prior};
 use super::projection::{Projected, Projection};
 use super::whitening::CommonNoise;
-use crate::noise::{LogSpectrum, ResidualPower};
+use crate::noise::{Growth, LogSpectrum, ResidualPower};
+use fdm_system::record::Run;
 use rayon::prelude::*;
 use std::ops::RangeInclusive;
+use std::sync::Arc;
 
 /// Part of the best predicted gain from which a candidate is fitted in any case.
 const REACH: f64 = 0.6;
@@ -142,16 +145,27 @@ impl ForwardStep<'_> {
 
     /// Marginal log-likelihood of residuals (one for each run) as noise.
     pub(super) fn likelihood(&self, residuals: &[Vec<f64>]) -> f64 {
-        let outputs = self.current.outputs();
-        let flat = CommonNoise::new(&vec![LogSpectrum::flat(1.0); outputs], 0).growing(&self.growth);
-        let mut bins: Vec<Vec<ResidualPower>> = vec![Vec::new(); outputs];
-        for ((run, predictor), residual) in self.runs.train().iter().zip(&self.current.predictors).zip(residuals) {
-            let mut whitener = predictor.whitener(run, outputs, &flat);
-            for (o, bins) in bins.iter_mut().enumerate() {
-                let squares = whitener.squares(o, residual).into_iter();
-                bins.extend(squares.map(|(log_frequency, power)| ResidualPower { log_frequency, power, freedom: 1.0 }));
-            }
-        }
-        bins.iter().map(|bins| LogSpectrum::fit(bins, 1.0).evidence()).sum()
+        likelihood_as_noise(&self.current, self.runs.train(), &self.growth, residuals)
     }
+}
+
+/// Marginal log-likelihood of residuals of a model (N by q for each run) as noise of any smooth spectrum, which grows with the response as was
+/// found (an entry for each output).
+pub(super) fn likelihood_as_noise(
+    model: &FittedModel,
+    runs: &[Run],
+    growth: &Arc<[Option<Growth>]>,
+    residuals: &[Vec<f64>],
+) -> f64 {
+    let outputs = model.outputs();
+    let flat = CommonNoise::new(&vec![LogSpectrum::flat(1.0); outputs], 0).growing(growth);
+    let mut bins: Vec<Vec<ResidualPower>> = vec![Vec::new(); outputs];
+    for ((run, predictor), residual) in runs.iter().zip(&model.predictors).zip(residuals) {
+        let mut whitener = predictor.whitener(run, outputs, &flat);
+        for (o, bins) in bins.iter_mut().enumerate() {
+            let squares = whitener.squares(o, residual).into_iter();
+            bins.extend(squares.map(|(log_frequency, power)| ResidualPower { log_frequency, power, freedom: 1.0 }));
+        }
+    }
+    bins.iter().map(|bins| LogSpectrum::fit(bins, 1.0).evidence()).sum()
 }

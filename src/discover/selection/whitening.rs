@@ -287,7 +287,7 @@ impl CommonNoise {
     }
 
     /// How the noise of each output grows with its signal; empty where none does.
-    pub(super) fn growths(&self) -> &[Option<Growth>] {
+    pub(super) fn growths(&self) -> &Arc<[Option<Growth>]> {
         &self.growth
     }
 
