@@ -212,6 +212,9 @@ impl FrontProblem<'_> {
         let (over_all, repeats, predicted, error) = (None, None, None, None);
         let mut level = Level { path, aside, accepted, current, split, written, over_all, repeats, predicted, error };
         level.written = self.written(&level, Thoroughness::Near);
+        if let Some(split) = self.likelier_at_the_plain_fit(&level) {
+            level.split = split;
+        }
         if let Some(split) = self.with_the_sign_of_physics(&level) {
             level.split = split;
         }
@@ -223,6 +226,14 @@ impl FrontProblem<'_> {
             );
         }
         level
+    }
+
+    /// The joint fit from the values of the plain one, where these are likelier than where it had ended: in another minimum.
+    fn likelier_at_the_plain_fit(&self, level: &Level) -> Option<SplitFit> {
+        let plain = &level.written.as_ref().ok().filter(|_| *self.runs.domain == Domain::Time)?.fitted;
+        let there = split_fit_within(plain, self.runs, self.noise, (0, NOTHING)).ok()?;
+        let likelier = there.cost() < level.split.cost();
+        likelier.then(|| split_fit(plain, self.runs, self.noise).ok()).flatten()
     }
 
     /// A model at the values of its plain fit, where these have the sign that physics has and the joint ones have not: the error of the model as it
