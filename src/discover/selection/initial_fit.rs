@@ -169,25 +169,44 @@ pub(super) fn plain_fit_told(
 /// An extended model by output error from values that are near its estimates; none where it has no response there.
 fn near_fit(current: &FittedModel, theta: &[Vec<f64>], runs: Runs<'_>) -> Option<FittedModel> {
     let (training, validation) = (0..runs.train, runs.train..runs.all.len());
-    let mut found = by_output_error(current, theta, runs, training)?;
+    let mut found = by_output_error(current, theta, runs, (training, Fitted::All))?;
     if !validation.is_empty() {
         let starts = shared_from(current.params(), found.first()?, &theta[runs.train..]);
         let own = current.params().iter().any(|p| p.per_run && !p.fixed);
         found.extend(starts);
         if own {
-            let fitted = by_output_error(current, &found, runs, validation)?;
+            let fitted = by_output_error(current, &found, runs, (validation, Fitted::Own))?;
             found.splice(runs.train.., fitted);
         }
     }
     FittedModel::new(current.model.clone(), runs, found).ok()
 }
 
-/// Values on some runs by output error: outputs weigh by what they leave, until that stays. What runs share is not fitted to validation runs.
+/// Values of all runs with what belongs to each of them by output error, and what they share as it is; none where there is no response.
+pub(super) fn own_fit(current: &FittedModel, theta: &[Vec<f64>], runs: Runs<'_>) -> Option<Vec<Vec<f64>>> {
+    if !current.params().iter().any(|p| p.per_run && !p.fixed) {
+        return Some(theta.to_vec());
+    }
+    let mut found = by_output_error(current, theta, runs, (0..runs.train, Fitted::Own))?;
+    if !runs.validation().is_empty() {
+        found.extend(by_output_error(current, theta, runs, (runs.train..runs.all.len(), Fitted::Own))?);
+    }
+    Some(found)
+}
+
+/// What is fitted: all that is free, or what belongs to a run alone.
+#[derive(Clone, Copy, PartialEq)]
+enum Fitted {
+    All,
+    Own,
+}
+
+/// Values on some runs by output error: outputs weigh by what they leave, until that stays.
 fn by_output_error(
     current: &FittedModel,
     theta: &[Vec<f64>],
     runs: Runs<'_>,
-    some: Range<usize>,
+    (some, what): (Range<usize>, Fitted),
 ) -> Option<Vec<Vec<f64>>> {
     let (own, predictors) = (&runs.all[some.clone()], &current.predictors[some.clone()]);
     let mut theta = theta[some.clone()].to_vec();
@@ -197,7 +216,7 @@ fn by_output_error(
         let noise = CommonNoise::new(&spectra, 0);
         let params = current.params().to_vec();
         let mut posed = FitProblem { params, dynamics: current.model.dynamics(), runs: own, predictors, noise: &noise };
-        if some.start >= runs.train {
+        if what == Fitted::Own {
             posed = posed.validation();
         }
         theta = posed.fit(&theta, QUICK)?.theta;

@@ -7,7 +7,7 @@
 use super::acceptance::{at_bound, below_null};
 use super::elimination::Accepted;
 use super::fitted_model::{FittedModel, shared_from};
-use super::initial_fit::{Thoroughness, plain_fit};
+use super::initial_fit::{Thoroughness, own_fit, plain_fit};
 use super::runs::{DiagnosisOptions, Domain, GoesOn, Runs};
 use crate::bins::Signals;
 use fdm_grammar::effect::NewParam;
@@ -69,15 +69,17 @@ pub(super) fn written_model(
     (runs, options, goes_on): (Runs<'_>, &DiagnosisOptions, &GoesOn<'_>),
     thoroughness: Thoroughness,
 ) -> Result<WrittenModel, String> {
-    let joint = at_values(current, theta, naive, runs);
+    let joint = |theta: &[Vec<f64>]| at_values(current, theta, naive, runs);
     let best = match runs.domain {
-        Domain::Frequency(_) => joint,
+        Domain::Frequency(_) => joint(theta),
         Domain::Time => match plain_fit(current, theta, runs, (options, goes_on), thoroughness) {
             // a search that is stopped tells what it knows
-            Err(_) if !goes_on() => joint,
+            Err(_) if !goes_on() => joint(theta),
             Err(why) => return Err(format!("a plain fit of the written model fails: {why}")),
             Ok(plain) => {
                 let plain = at_values(current, &plain.theta, naive, runs);
+                // who simulates the text has initial values and zeros by a plain fit
+                let joint = own_fit(current, theta, runs).and_then(|theta| joint(&theta));
                 match (plain, joint) {
                     (Some(plain), Some(joint)) => Some(if joint.ratio() < plain.ratio() { joint } else { plain }),
                     (plain, joint) => plain.or(joint),
