@@ -146,10 +146,8 @@ impl Lags<'_> {
             let (early, late) = (&early[first * across..], late.get(first * across..).unwrap_or_default());
             for vector in 0..across {
                 let (a, b) = (&mut a[..pairs], &mut b[..pairs]);
-                column(simd, early, 2 * across, vector, a);
-                column(simd, early, 2 * across, across + vector, b);
-                column(simd, late, 2 * across, vector, f);
-                column(simd, late, 2 * across, across + vector, g);
+                columns(simd, early, across, vector, [a, b]);
+                columns(simd, late, across, vector, [f, g]);
                 for ((both, a), b) in both.iter_mut().zip(&*a).zip(&*b) {
                     *both = simd.add_f64s(*a, *b);
                 }
@@ -231,12 +229,22 @@ fn together([a, b, c, d, e, f, g, h]: [f64; 8]) -> f64 {
     ((a + e) + (c + g)) + ((b + f) + (d + h))
 }
 
-/// A column of whole vectors over all rows, one beneath the other; zeros where there are no more rows.
+/// A column of vectors over all rows: those of every second row, and those behind them; zeros where there are no more rows.
 #[inline(always)]
-fn column<S: Simd>(simd: S, rows: &[S::f64s], across: usize, vector: usize, to: &mut [S::f64s]) {
-    let mut from = rows.iter().skip(vector).step_by(across);
-    for to in to {
-        *to = from.next().copied().unwrap_or(simd.splat_f64s(0.0));
+fn columns<S: Simd>(simd: S, rows: &[S::f64s], across: usize, vector: usize, [even, odd]: [&mut [S::f64s]; 2]) {
+    let pairs = rows.chunks_exact(2 * across);
+    let rest = pairs.remainder();
+    let there = even.len().min(pairs.len());
+    for ((even, odd), pair) in even.iter_mut().zip(&mut *odd).zip(pairs) {
+        *even = pair[vector];
+        *odd = pair[across + vector];
+    }
+    even[there..].fill(simd.splat_f64s(0.0));
+    odd[there..].fill(simd.splat_f64s(0.0));
+    for (to, at) in [(even, vector), (odd, across + vector)] {
+        if let (Some(to), Some(last)) = (to.get_mut(there), rest.get(at)) {
+            *to = *last;
+        }
     }
 }
 
@@ -262,6 +270,8 @@ mod product_tests {
             (1300, 1300, 1, 61),
             (1312, 900, 16, 61),
             (1312, 904, 16, 61),
+            (1312, 920, 16, 61),
+            (48, 56, 24, 5),
             (24, 24, 24, 3),
             (7, 5, 3, 9),
             (0, 4, 1, 3),
