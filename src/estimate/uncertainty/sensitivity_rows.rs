@@ -40,7 +40,7 @@ pub(crate) struct Colour {
 }
 
 impl Colour {
-    pub(super) fn is_white(&self) -> bool {
+    fn is_white(&self) -> bool {
         self.models.iter().all(|m| m.coefficients.is_empty())
     }
 }
