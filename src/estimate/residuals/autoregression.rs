@@ -88,6 +88,9 @@ impl AutoRegression {
 
     /// As [`Self::backward`], for one series.
     pub(crate) fn backward_series(&self, series: &mut [f64]) {
+        if self.coefficients.is_empty() {
+            return;
+        }
         for i in (0..series.len()).rev() {
             let (head, later) = series.split_at_mut(i + 1);
             let reach = self.coefficients.len().min(later.len());
@@ -112,17 +115,20 @@ pub struct LevinsonDurbin<'r> {
     reflections: Vec<f64>,
     /// Variances of the innovations for order 0, 1, ...
     variances: Vec<f64>,
+    /// Their logarithms, which the choice of an order asks for many times.
+    logarithms: Vec<f64>,
 }
 
 impl<'r> LevinsonDurbin<'r> {
     /// Climbs as high as the autocovariances at lags 0, 1, ... allow.
     pub fn of(autocovariances: &'r [f64]) -> Self {
         let total = autocovariances.first().copied().filter(|v| *v > 0.0 && v.is_finite());
-        let mut models = Self { autocovariances, reflections: Vec::new(), variances: vec![total.unwrap_or(0.0)] };
-        let Some(total) = total else { return models };
+        let variances = vec![total.unwrap_or(0.0)];
+        let mut models = Self { autocovariances, reflections: Vec::new(), logarithms: Vec::new(), variances };
+        let Some(total) = total else { return models.with_logarithms() };
         let (mut a, mut variance): (Vec<f64>, f64) = (Vec::with_capacity(autocovariances.len()), total);
         for order in 1..autocovariances.len() {
-            let predicted: f64 = a.iter().zip(autocovariances[1..order].iter().rev()).map(|(a, r)| a * r).sum();
+            let predicted = against(&a, &autocovariances[1..order]);
             let reflection = (autocovariances[order] - predicted) / variance;
             variance *= 1.0 - reflection * reflection;
             if !(reflection.abs() < 1.0 && variance > PREDICTABLE * total) {
@@ -132,7 +138,12 @@ impl<'r> LevinsonDurbin<'r> {
             models.reflections.push(reflection);
             models.variances.push(variance);
         }
-        models
+        models.with_logarithms()
+    }
+
+    fn with_logarithms(mut self) -> Self {
+        self.logarithms = self.variances.iter().map(|v| v.ln()).collect();
+        self
     }
 
     /// The highest order.
@@ -142,7 +153,7 @@ impl<'r> LevinsonDurbin<'r> {
 
     /// The order that a criterion likes best: n log(variance) plus `penalty` for each coefficient.
     pub(crate) fn best(&self, samples: usize, penalty: f64) -> usize {
-        let criterion = |order: &usize| samples as f64 * self.variances[*order].ln() + penalty * *order as f64;
+        let criterion = |order: &usize| samples as f64 * self.logarithms[*order] + penalty * *order as f64;
         (0..=self.highest()).min_by(|a, b| criterion(a).total_cmp(&criterion(b))).unwrap_or(0)
     }
 
@@ -157,6 +168,18 @@ impl<'r> LevinsonDurbin<'r> {
         let autocovariances = self.autocovariances[..=order].to_vec();
         AutoRegression { coefficients, variance: self.variances[order], autocovariances }
     }
+}
+
+/// The sum of products of the first of one with the last of the other, and so on; both are of one length.
+fn against(a: &[f64], r: &[f64]) -> f64 {
+    let ((a, rest), (first, r)) = (a.as_chunks::<4>(), r.as_rchunks::<4>());
+    // four sums, so that none waits for the one before
+    let mut sums = [0.0; 4];
+    for (a, r) in a.iter().zip(r.iter().rev()) {
+        (0..4).for_each(|l| sums[l] += a[l] * r[3 - l]);
+    }
+    let rest: f64 = rest.iter().zip(first.iter().rev()).map(|(a, r)| a * r).sum();
+    (sums[0] + sums[2]) + (sums[1] + sums[3]) + rest
 }
 
 /// From the coefficients of one order to those of the next.

@@ -1,6 +1,6 @@
 //! Whether residuals correlate with an input: then something that the input does is missing in the model.
 
-use super::autocovariance::add_lagged_products;
+use super::autocovariance::{add_lagged_products, inner};
 use super::autoregression::AutoRegression;
 use super::whiteness::normal_beyond;
 use serde::{Deserialize, Serialize};
@@ -129,7 +129,7 @@ fn moving(input: &[f64]) -> Option<Vec<f64>> {
 }
 
 fn square(values: &[f64]) -> f64 {
-    values.iter().map(|v| v * v).sum()
+    inner(values, values)
 }
 
 #[cfg(test)]

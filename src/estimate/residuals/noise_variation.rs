@@ -5,7 +5,7 @@
 //! over them is judged by the autoregression that they follow, or by the one that normal residuals of their colour would give, whichever varies more, so that
 //! coloured noise of one size passes. What fitting took from the residuals at each sample (its leverage) is put back first.
 
-use super::autocovariance::{add_lagged_products, centred};
+use super::autocovariance::{add_lagged_products, centred, inner, total};
 use super::autoregression;
 use fdm_numeric::statistics::{Student, f_tail};
 use fdm_system::record::even_grid::EvenGrid;
@@ -108,17 +108,19 @@ impl OutputSeries {
         (0..self.residuals.len()).filter(|k| !self.residuals[*k].is_nan())
     }
 
-    /// Sizes of the residuals over their mean, less 1; NaN where there is none.
+    /// Sizes of the residuals over their mean, less 1; 0 where there is none.
     fn sizes(&self) -> Option<Sizes> {
-        let count = self.present().count();
-        let mut values: Vec<f64> = (0..self.residuals.len()).map(|k| self.residual(k).powi(2).cbrt()).collect();
-        let mean = values.iter().filter(|size| !size.is_nan()).sum::<f64>() / count.max(1) as f64;
+        let mut values: Vec<f64> = (0..self.residuals.len()).map(|k| self.residual(k).powi(2)).collect();
+        values.iter_mut().for_each(|v| *v = cube_root(*v));
+        let (sum, count) = total(&values);
+        let mean = sum / count.max(1) as f64;
         if count < 2 || !(mean > 0.0 && mean.is_finite()) {
             return None;
         }
         values.iter_mut().for_each(|size| *size = *size / mean - 1.0);
         let colour = autoregression::short_of_series(&self.without_trends(&values));
         let own = autoregression::of_series(&centred(self.residuals.clone()));
+        values.iter_mut().filter(|size| size.is_nan()).for_each(|size| *size = 0.0);
         Some(Sizes { values, colour, of_normal: of_normal(&own, count), mean, count })
     }
 
@@ -126,22 +128,23 @@ impl OutputSeries {
     fn without_trends(&self, values: &[f64]) -> Vec<f64> {
         let places: Vec<usize> = self.present().collect();
         let centred = |x: &[f64]| {
-            let mean = places.iter().map(|k| x[*k]).sum::<f64>() / places.len() as f64;
-            places.iter().map(|k| x[*k] - mean).collect::<Vec<f64>>()
+            let mut own: Vec<f64> = places.iter().map(|k| x[*k]).collect();
+            let mean = total(&own).0 / places.len() as f64;
+            own.iter_mut().for_each(|x| *x -= mean);
+            own
         };
         let mut left = centred(values);
         let mut bases: Vec<Vec<f64>> = Vec::new();
         for x in [&self.response, &self.time].into_iter().filter(|x| !x.is_empty()) {
             let mut basis = centred(x);
-            let size = |v: &[f64]| v.iter().map(|v| v * v).sum::<f64>();
-            let whole = size(&basis);
+            let whole = inner(&basis, &basis);
             for other in &bases {
-                let share = basis.iter().zip(other).map(|(a, b)| a * b).sum::<f64>() / size(other);
+                let share = inner(&basis, other) / inner(other, other);
                 basis.iter_mut().zip(other).for_each(|(a, b)| *a -= share * b);
             }
-            let own = size(&basis);
+            let own = inner(&basis, &basis);
             if own > 1e-9 * whole && whole > 0.0 {
-                let share = left.iter().zip(&basis).map(|(a, b)| a * b).sum::<f64>() / own;
+                let share = inner(&left, &basis) / own;
                 left.iter_mut().zip(&basis).for_each(|(a, b)| *a -= share * b);
                 bases.push(basis);
             }
@@ -183,12 +186,24 @@ impl Sizes {
         let mut rows = vec![0.0; self.colour.memory(x.len())];
         rows.extend(x);
         self.colour.backward_series(&mut rows);
-        let own = self.colour.variance * rows.iter().map(|r| r * r).sum::<f64>();
+        let own = self.colour.variance * inner(&rows, &rows);
         let mut products = vec![0.0; self.of_normal.len()];
         add_lagged_products(x, x, 1, &mut products);
         let pairs: f64 = products.iter().zip(&self.of_normal).map(|(p, r)| p * r).sum();
         own.max(self.colour.autocovariances(0)[0] * (2.0 * pairs - products[0]))
     }
+}
+
+/// The cube root of a number that is not negative, to a few units in the last place; plain arithmetic, so that many are taken side by side with the same
+/// bits everywhere. NaN stays.
+fn cube_root(x: f64) -> f64 {
+    // a third of the exponent is within a twentieth of the root; each step multiplies the digits by three
+    let mut root = f64::from_bits(x.to_bits() / 3 + 0x2A9F_7893_0000_0000);
+    for _ in 0..3 {
+        let cube = root * root * root;
+        root *= (cube + 2.0 * x) / (2.0 * cube + x);
+    }
+    if x < f64::MIN_POSITIVE { 0.0 } else { root }
 }
 
 /// Most lags at which sizes of normal residuals are taken to correlate.
@@ -226,12 +241,13 @@ fn test_one(name: &str, runs: &[OutputSeries]) -> Option<NoiseVariation> {
     if count < FEWEST {
         return None;
     }
-    let squares: f64 = runs.iter().flat_map(|r| r.present().map(|k| r.residuals[k].powi(2))).sum();
+    let squares = |r: &OutputSeries| total(&r.residuals.iter().map(|v| v * v).collect::<Vec<f64>>()).0;
+    let squares: f64 = runs.iter().map(squares).sum();
     let deviation = (squares / count as f64).sqrt();
     Some(NoiseVariation {
         output: name.into(),
-        response: trend(&known, |run, k| Some(run.response[k])),
-        time: trend(&known, |run, k| run.time.get(k).copied()),
+        response: trend(&known, |run| &run.response),
+        time: trend(&known, |run| &run.time),
         runs: between_runs(&known),
         p_value: 1.0,
         deviations: [deviation; 2],
@@ -239,24 +255,25 @@ fn test_one(name: &str, runs: &[OutputSeries]) -> Option<NoiseVariation> {
 }
 
 /// Correlation of the sizes with `x`, within runs.
-fn trend(runs: &[(&OutputSeries, &Sizes)], x: impl Fn(&OutputSeries, usize) -> Option<f64>) -> Option<Trend> {
+fn trend(runs: &[(&OutputSeries, &Sizes)], x: impl Fn(&OutputSeries) -> &[f64]) -> Option<Trend> {
     let (mut sum, mut variance, mut squares, mut spread, mut count, mut freedom) = (0.0, 0.0, 0.0, 0.0, 0usize, -2.0);
     for (run, sizes) in runs {
-        let mut centred = vec![0.0; sizes.values.len()];
-        let mean = run.present().map(|k| x(run, k)).sum::<Option<f64>>()? / sizes.count as f64;
-        let mut largest = 0.0_f64;
-        for k in run.present() {
-            let value = x(run, k)?;
-            largest = largest.max(value.abs());
-            centred[k] = value - mean;
+        let x = x(run);
+        if x.is_empty() {
+            return None;
         }
-        let own: f64 = centred.iter().map(|c| c * c).sum();
+        let there = |(x, v): (&f64, &f64)| if v.is_nan() { f64::NAN } else { *x };
+        let mut centred: Vec<f64> = x.iter().zip(&run.residuals).map(there).collect();
+        let mean = total(&centred).0 / sizes.count as f64;
+        let largest = centred.iter().fold(0.0_f64, |largest, x| largest.max(x.abs()));
+        centred.iter_mut().for_each(|x| *x = if x.is_nan() { 0.0 } else { *x - mean });
+        let own = inner(&centred, &centred);
         if own.is_nan() || own <= sizes.count as f64 * (1e-9 * largest).powi(2) {
             continue;
         }
-        sum += run.present().map(|k| centred[k] * sizes.values[k]).sum::<f64>();
+        sum += inner(&centred, &sizes.values);
         variance += sizes.variance(&centred);
-        squares += run.present().map(|k| sizes.values[k].powi(2)).sum::<f64>();
+        squares += inner(&sizes.values, &sizes.values);
         (spread, count, freedom) = (spread + own, count + sizes.count, freedom + sizes.freedom());
     }
     let law = Student::new(freedom.max(1.0)).filter(|_| variance > 0.0 && variance.is_finite() && count >= FEWEST)?;
@@ -471,6 +488,14 @@ mod tests {
             if calls > 300 { 2.0 * normal.next() } else { normal.next() }
         });
         assert_eq!(test(&outputs)[0].causes().first(), Some(&Cause::Run));
+    }
+
+    #[test]
+    fn cube_roots_are_exact_to_rounding() {
+        for x in [1e-300, 3.7e-41, 0.02, 0.999, 1.0, 7.3, 8.0, 4.4e90, 1e300] {
+            assert!((cube_root(x) / x.cbrt() - 1.0).abs() < 1e-15, "{x}");
+        }
+        assert!(cube_root(0.0) == 0.0 && cube_root(f64::NAN).is_nan());
     }
 
     #[test]

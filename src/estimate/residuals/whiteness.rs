@@ -7,7 +7,9 @@ use fdm_numeric::statistics::{chi_squared_quantile, chi_squared_tail, normal_tai
 use fdm_system::record::even_grid::{EvenGrid, NotEven};
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::fmt;
+use std::sync::{LazyLock, Mutex, PoisonError};
 
 /// Most lags that are tested.
 const LAGS: usize = 25;
@@ -187,6 +189,16 @@ pub struct ResidualSpectrum {
     pub outside: usize,
 }
 
+/// The limits for a band of so many frequencies. They are kept for the whole process: all outputs and runs have bands as wide, and a quantile
+/// takes longer than all else about a band.
+fn limits(count: usize) -> [f64; 2] {
+    static KEPT: LazyLock<Mutex<BTreeMap<usize, [f64; 2]>>> = LazyLock::new(Mutex::default);
+    let freedom = 2.0 * count as f64;
+    let limit = |p: f64| chi_squared_quantile(p, freedom).map_or(f64::NAN, |value| value / freedom);
+    let mut kept = KEPT.lock().unwrap_or_else(PoisonError::into_inner);
+    *kept.entry(count).or_insert_with(|| [limit(TAIL), limit(1.0 - TAIL)])
+}
+
 impl ResidualSpectrum {
     /// Of residuals about their mean on an even grid with this interval, NaN where there is none; none when there are too few.
     pub(super) fn new(series: &[f64], interval: f64) -> Option<Self> {
@@ -221,9 +233,7 @@ impl ResidualSpectrum {
     }
 
     fn push(&mut self, frequency: f64, density: f64, count: usize) {
-        let freedom = 2.0 * count as f64;
-        let limit = |p: f64| chi_squared_quantile(p, freedom).map_or(f64::NAN, |value| value / freedom);
-        let (low, high) = (limit(TAIL), limit(1.0 - TAIL));
+        let [low, high] = limits(count);
         self.frequency.push(frequency);
         self.density.push(density);
         self.low.push(low);

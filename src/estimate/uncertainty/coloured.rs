@@ -74,7 +74,8 @@ pub(crate) fn corrected(
         if round == 0 && drained {
             long.iter_mut().for_each(LongRun::assume_white);
         }
-        let filtered: Vec<Filtered> = long.par_iter().map(|l| runs[l.run].filter(&l.colour, &inverse_noise)).collect();
+        let filter = |l: &LongRun| runs[l.run].filter(&l.colour, &inverse_noise);
+        let filtered: Vec<Filtered> = of_each(long.iter().collect(), filter);
         let mut middles: Vec<Vec<f64>> = runs.iter().map(|r| vec![0.0; r.width * r.width]).collect();
         long.iter().zip(&filtered).for_each(|(l, f)| middles[l.run].clone_from(&f.middle));
         let others = sandwich.gather(&middles, &prior);
@@ -102,10 +103,8 @@ pub(crate) fn corrected(
             0.0
         };
         if change < SETTLED && round >= climbing {
-            let mut freedom = known_by(&long, &runs, &sandwich, &inverse_noise, &covariance);
             let mut colours: Vec<NoiseColour> = long.iter().flat_map(|l| l.report(problem, &runs)).collect();
             if let Some(short) = &short {
-                short.settle(&sandwich, &others, &mut covariance, &mut freedom)?;
                 colours.extend(short.report(problem, &noise.covariance));
             }
             // the noise of a surcharge is one that is estimated
@@ -113,6 +112,10 @@ pub(crate) fn corrected(
             if declared && is_as_declared(&runs, bound, &colours) {
                 let values = bound.inverse.values.clone();
                 return Ok((Corrected { values, colours, freedom: Vec::new(), unbiased: None }, runs));
+            }
+            let mut freedom = known_by(&long, &runs, &sandwich, &inverse_noise, &covariance);
+            if let Some(short) = &short {
+                short.settle(&sandwich, &others, &mut covariance, &mut freedom)?;
             }
             return Ok((Corrected { values: covariance, colours, freedom, unbiased: None }, runs));
         }
@@ -175,12 +178,19 @@ fn rows(
     if numbers > MOST_NUMBERS || numbers as f64 * width as f64 > MOST_PRODUCTS {
         return Err(Uncorrected::TooLarge);
     }
-    let work = |(r, (run, grid)): (usize, (&mut ProblemRun<'_>, &Option<EvenGrid>))| {
+    let work = |(r, (run, grid)): (usize, (&mut ProblemRun<'_>, Option<EvenGrid>))| {
         let theta = unknowns.assembled(r, values);
-        SensitivityRows::new(run, unknowns, &theta, &sandwich.scale(r), grid.as_ref())
-            .map_err(|_| Uncorrected::NotFinite)
+        SensitivityRows::new(run, unknowns, &theta, &sandwich.scale(r), grid).map_err(|_| Uncorrected::NotFinite)
     };
-    problem.runs.par_iter_mut().zip(&grids).enumerate().map(work).collect()
+    of_each(problem.runs.iter_mut().zip(grids).enumerate().collect(), work).into_iter().collect()
+}
+
+/// What is made of each; of one alone in this thread, as waking another takes longer than the work on a short run.
+fn of_each<T: Send, R: Send>(mut all: Vec<T>, work: impl Fn(T) -> R + Send + Sync) -> Vec<R> {
+    match all.pop() {
+        Some(one) if all.is_empty() => vec![work(one)],
+        last => all.into_par_iter().chain(last).map(work).collect(),
+    }
 }
 
 /// A run that determines the colour of its noise by itself.
@@ -191,6 +201,8 @@ struct LongRun {
     /// Autocovariances of the noise of each output, as far as they are known.
     autocovariances: Vec<Vec<f64>>,
     colour: Colour,
+    /// Room for the rows of one output.
+    room: Vec<f64>,
 }
 
 impl LongRun {
@@ -207,7 +219,7 @@ impl LongRun {
         let tapered = |l: &Lagged| l.means().enumerate().map(|(k, m)| m * left(k)).collect();
         let autocovariances = found.iter().map(tapered).collect();
         let colour = Colour { models: Vec::new(), innovations: Vec::new() };
-        let mut long = Self { run, found, autocovariances, colour };
+        let mut long = Self { run, found, autocovariances, colour, room: Vec::new() };
         long.choose(rows, Some(usize::MAX));
         long
     }
@@ -246,12 +258,16 @@ impl LongRun {
         let (models, q) = (&self.colour.models, self.colour.models.len());
         let mut sums = vec![0.0; q * q];
         if q > 1 {
-            let series: Vec<_> = models.iter().zip(&rows.residuals).map(|(m, v)| m.innovations(v)).collect();
+            let mut series: Vec<_> = models.iter().zip(&rows.residuals).map(|(m, v)| m.innovations(v)).collect();
+            // only samples with all outputs: the correlations then belong together
             for i in 0..rows.length {
-                // only samples with all outputs: the correlations then belong together
-                if series.iter().all(|s| !s[i].is_nan()) {
-                    (0..q * q).for_each(|k| sums[k] += series[k / q][i] * series[k % q][i]);
+                if series.iter().any(|s| s[i].is_nan()) {
+                    series.iter_mut().for_each(|s| s[i] = 0.0);
                 }
+            }
+            for (a, b) in (0..q).flat_map(|a| (0..=a).map(move |b| (a, b))) {
+                let sum = series[a].iter().zip(&series[b]).map(|(a, b)| a * b).sum();
+                (sums[a * q + b], sums[b * q + a]) = (sum, sum);
             }
         }
         let correlation = |a: usize, b: usize| match (sums[a * q + a] * sums[b * q + b]).sqrt() {
@@ -278,7 +294,7 @@ impl LongRun {
             if rows.bound(o, image, reduced) < SETTLED * found.sums[0] {
                 continue;
             }
-            let taken = rows.taken(o, image, reduced, lags);
+            let taken = rows.taken(o, image, reduced, lags, &mut self.room);
             let restored = |k: usize| (found.sums[k] + taken[k]) / found.pairs[k].max(1) as f64;
             let next: Vec<f64> = (0..=lags).map(restored).collect();
             if !(next[0] > 0.0 && next.iter().all(|v| v.is_finite())) {
@@ -296,7 +312,7 @@ impl LongRun {
     fn report(&self, problem: &Problem<'_>, runs: &[SensitivityRows]) -> Vec<NoiseColour> {
         let one = |(o, model): (usize, &AutoRegression)| {
             let names = vec![problem.runs[self.run].name.clone()];
-            NoiseColour::new(problem.outputs[o].clone(), names, runs[self.run].interval, model)
+            NoiseColour::new(problem.outputs[o].clone(), names, runs[self.run].grid.interval, model)
         };
         let measured = |(o, _): &(usize, &AutoRegression)| self.found[*o].pairs[0] > 0;
         self.colour.models.iter().enumerate().filter(measured).map(one).collect()
@@ -362,10 +378,20 @@ impl Contribution {
         inverse_noise: &[f64],
     ) {
         let (q, width, n) = (colour.models.len(), rows.width, self.size.len());
-        let model = &colour.models[output];
+        let (model, weights) = (&colour.models[output], &inverse_noise[output * q..(output + 1) * q]);
+        if model.coefficients.is_empty() {
+            // innovations are the noise itself: the products of the rows say all
+            let mut square = Vec::new();
+            mapped(&rows.square_of(weights), width, places, n, &mut square);
+            for (square, places) in square.chunks_exact(n).zip(places.chunks_exact(n)) {
+                let shares = square.iter().zip(places).map(|(s, p)| model.variance * s * p);
+                self.size.iter_mut().zip(shares).for_each(|(size, share)| *size += share);
+            }
+            return;
+        }
         let memory = model.memory(rows.length);
         let mut effects = vec![0.0; (memory + rows.length) * width];
-        rows.weigh(&inverse_noise[output * q..(output + 1) * q], &mut effects[memory * width..]);
+        rows.weigh(weights, &mut effects[memory * width..]);
         model.backward(&mut effects, width);
         let mut again = effects.clone();
         model.backward(&mut again, width);
@@ -378,9 +404,6 @@ impl Contribution {
             mapped(&effects[first * width..end * width], width, places, n, &mut direct);
             for row in direct.chunks_exact(n) {
                 self.size.iter_mut().zip(row).for_each(|(size, b)| *size += model.variance * b * b);
-            }
-            if orders == 0 {
-                continue;
             }
             mapped(&again[first * width..beyond * width], width, places, n, &mut filtered);
             for (t, row) in direct.chunks_exact(n).enumerate() {
@@ -415,7 +438,7 @@ mod tests {
                 rows[i * width + 1] = 1.0 / (1.0 + i as f64);
             }
         }
-        SensitivityRows::of(1.0, width, rows, vec![vec![0.5; length]; 2])
+        SensitivityRows::of(EvenGrid::counted(length), width, rows.concat(), vec![vec![0.5; length]; 2])
     }
 
     fn part(rows: &SensitivityRows, model: &AutoRegression) -> Contribution {

@@ -4,6 +4,7 @@ use super::sensitivity_rows::{Colour, Image, SensitivityRows};
 use crate::residuals::autoregression::{AutoRegression, LevinsonDurbin};
 use crate::specimen::{Normal, Sample, grid, param, problem, run};
 use crate::*;
+use fdm_system::record::even_grid::EvenGrid;
 use nalgebra::DMatrix;
 
 fn solve(problem: &mut Problem<'_>, options: &Options) -> Estimate {
@@ -28,7 +29,7 @@ fn rows() -> SensitivityRows {
             rows[i * width + 1] = (0.3 * i as f64).sin();
         }
     }
-    SensitivityRows::of(1.0, width, rows, residuals)
+    SensitivityRows::of(EvenGrid::counted(length), width, rows.concat(), residuals)
 }
 
 /// Covariance of the noise of both outputs over all places (50 by 50), by summing over a thousand innovations.
@@ -60,7 +61,7 @@ fn filters_are_the_sums_over_all_pairs_and_what_fitting_takes_off_is_exact() {
     let filtered = rows.filter(&colour, &weights);
 
     let noise = dense(&colour, n);
-    let s = DMatrix::from_fn(2 * n, 2, |r, c| rows.rows[r / n][r % n * width + c]);
+    let s = DMatrix::from_fn(2 * n, 2, |r, c| rows.of_output(r / n)[r % n * width + c]);
     let compared = |r: usize| if rows.residuals[r / n][r % n].is_nan() { 0.0 } else { 1.0 };
     let w = DMatrix::from_fn(2 * n, 2 * n, |r, c| {
         if r % n == c % n { weights[r / n * 2 + c / n] * compared(r) * compared(c) } else { 0.0 }
@@ -91,7 +92,7 @@ fn filters_are_the_sums_over_all_pairs_and_what_fitting_takes_off_is_exact() {
     };
     for o in 0..2 {
         let reduced = [spread(&inverse), spread(&covariance)];
-        let taken = rows.taken(o, &filtered.images[o], &reduced, 4);
+        let taken = rows.taken(o, &filtered.images[o], &reduced, 4, &mut Vec::new());
         let bound = rows.bound(o, &filtered.images[o], &reduced);
         for (k, taken) in taken.iter().enumerate() {
             let pairs = (0..n - k).map(|i| (o * n + i, o * n + i + k));

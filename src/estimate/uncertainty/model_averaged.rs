@@ -168,7 +168,7 @@ impl Average {
         covariance: &DMatrix<f64>,
         others: DMatrix<f64>,
     ) -> Option<Self> {
-        let (q, n) = (short[0].rows.rows.len(), others.nrows());
+        let (q, n) = (short[0].rows.residuals.len(), others.nrows());
         let places: Vec<Vec<usize>> = short.iter().map(|run| run.places.iter().flatten().copied().collect()).collect();
         let blocks = Blocks::new(&places, &others);
         let runs: Vec<&SensitivityRows> = short.iter().map(|run| run.rows).collect();

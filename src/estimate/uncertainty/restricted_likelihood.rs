@@ -84,7 +84,7 @@ impl DecorrelatedRows {
             for (o, weight) in weights.iter().enumerate() {
                 let residual = rows.residuals[o][*i];
                 if *weight != 0.0 && !residual.is_nan() {
-                    let from = &rows.rows[o][i * width..][..width];
+                    let from = &rows.of_output(o)[i * width..][..width];
                     row.iter_mut().zip(from).for_each(|(to, from)| *to += weight * from);
                     row[width] += weight * residual;
                 }

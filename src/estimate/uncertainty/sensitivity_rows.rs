@@ -1,11 +1,11 @@
 //! Sensitivities and residuals of one run in time, output by output, and the filters of coloured noise over them.
 
-use crate::iteration::products::accumulate;
+use crate::iteration::products::accumulate as accumulate_products;
 use crate::problem::ProblemRun;
 use crate::residuals::autocovariance::add_lagged_products;
 use crate::residuals::autoregression::AutoRegression;
 use crate::unknowns::Unknowns;
-use fdm_numeric::lanes::{Simd, WithSimd, dispatch};
+use fdm_numeric::lanes::{Simd, WithSimd, accumulate, dispatch};
 use fdm_system::record::even_grid::EvenGrid;
 use fdm_system::simulate::{Block, Divergence};
 
@@ -13,16 +13,17 @@ use fdm_system::simulate::{Block, Divergence};
 pub(crate) struct SensitivityRows {
     /// Places of the grid.
     pub(crate) length: usize,
-    /// Time between them, where they are even.
-    pub(crate) interval: f64,
+    /// The place of each sample, and the time between places where they are even.
+    pub(crate) grid: EvenGrid,
     /// Time of each.
     pub(crate) moments: Vec<f64>,
     /// Whether they are evenly spaced.
     pub(crate) even: bool,
     /// Numbers of a row, a multiple of 8: a scaled sensitivity for each column, then zeros.
     pub(crate) width: usize,
-    /// For each output (q) its rows (length by width); zeros where nothing is compared.
-    pub(crate) rows: Vec<Vec<f64>>,
+    /// The rows of the outputs, one output (length by width) after the other; zeros where nothing is compared. One piece of memory, which
+    /// allocators give back and take anew less readily than several.
+    rows: Vec<f64>,
     /// For each output (q) its residuals (length); NaN where nothing is compared.
     pub(crate) residuals: Vec<Vec<f64>>,
     /// For each output (q) the sum of the products of its rows (width by width).
@@ -85,16 +86,18 @@ impl SensitivityRows {
         unknowns: &Unknowns,
         theta: &[f64],
         scale: &[f64],
-        grid: Option<&EvenGrid>,
+        grid: Option<EvenGrid>,
     ) -> Result<Self, Divergence> {
-        let counted = EvenGrid::counted(run.response.samples());
-        let (even, grid) = (grid.is_some(), grid.unwrap_or(&counted));
+        let counted = || EvenGrid::counted(run.response.samples());
+        let (even, grid) = (grid.is_some(), grid.unwrap_or_else(counted));
         let (q, width, length) = (run.response.outputs(), scale.len().next_multiple_of(8), grid.length());
         let factors: Vec<f64> = scale.iter().map(|s| if *s > 0.0 { 1.0 / s } else { 0.0 }).collect();
-        let mut rows = vec![vec![0.0; length * width]; q];
+        let mut rows = vec![0.0; q * length * width];
         let mut residuals = vec![vec![f64::NAN; length]; q];
         let measured = &run.measured;
         run.response.sensitivities(theta, &unknowns.columns, &mut |block: Block<'_>| {
+            let in_order = |columns: &[u32]| columns.iter().enumerate().all(|(k, column)| k == *column as usize);
+            let in_order: Vec<bool> = block.layout.outputs.iter().map(|o| in_order(&o.columns)).collect();
             for (cell, y) in block.y.iter().enumerate() {
                 let (sample, output, z) = (cell / q, cell % q, measured[block.first * q + cell]);
                 if z.is_nan() {
@@ -102,27 +105,44 @@ impl SensitivityRows {
                 }
                 let place = grid.place[block.first + sample];
                 residuals[output][place] = z - y;
-                let (to, from) = (&mut rows[output][place * width..][..width], block.row(sample, output));
+                let (to, from) = (&mut rows[(output * length + place) * width..][..width], block.row(sample, output));
+                let scaled = |value: f64, factor: f64| if factor > 0.0 { value * factor } else { 0.0 };
                 let columns = &block.layout.outputs[output].columns;
+                if in_order[output] {
+                    let values = from[..columns.len()].iter().zip(&factors);
+                    to.iter_mut().zip(values).for_each(|(to, (value, factor))| *to = scaled(*value, *factor));
+                    continue;
+                }
                 for (column, value) in columns.iter().zip(from) {
                     let column = *column as usize;
-                    to[column] = if factors[column] > 0.0 { value * factors[column] } else { 0.0 };
+                    to[column] = scaled(*value, factors[column]);
                 }
             }
         })?;
-        let mut rows = Self::of(grid.interval, width, rows, residuals);
+        let mut rows = Self::of(grid, width, rows, residuals);
         if let Some(time) = run.response.time().filter(|_| !even) {
             (rows.moments, rows.even) = (time.to_vec(), false);
         }
         Ok(rows)
     }
 
-    /// Rows (length by width for each output) and residuals as they are.
-    pub(super) fn of(interval: f64, width: usize, rows: Vec<Vec<f64>>, residuals: Vec<Vec<f64>>) -> Self {
+    /// Rows (q by length by width) and residuals as they are.
+    pub(super) fn of(grid: EvenGrid, width: usize, rows: Vec<f64>, residuals: Vec<Vec<f64>>) -> Self {
         let length = residuals.first().map_or(0, Vec::len);
-        let squares = rows.iter().map(|rows| squared(rows, width)).collect();
-        let moments = (0..length).map(|i| i as f64 * interval).collect();
-        Self { length, interval, moments, even: true, width, rows, residuals, squares }
+        let squares =
+            (0..residuals.len()).map(|o| squared(&rows[o * length * width..][..length * width], width)).collect();
+        let moments = (0..length).map(|i| i as f64 * grid.interval).collect();
+        Self { length, grid, moments, even: true, width, rows, residuals, squares }
+    }
+
+    /// The rows of an output (length by width).
+    pub(crate) fn of_output(&self, output: usize) -> &[f64] {
+        let numbers = self.length * self.width;
+        &self.rows[output * numbers..][..numbers]
+    }
+
+    fn of_outputs(&self) -> impl Iterator<Item = &[f64]> {
+        (0..self.residuals.len()).map(|o| self.of_output(o))
     }
 
     /// Whether the run determines the colour of its noise by itself: evenly sampled, each compared output at least [`LONG_RUN`] times.
@@ -134,7 +154,7 @@ impl SensitivityRows {
     /// The share of each residual of an output that fitting takes (length): `s' D s / r` with the Cramer-Rao covariance of this run's columns (width by
     /// width) and the inverse variance of the noise.
     pub(super) fn leverages(&self, output: usize, covariance: &[f64], inverse_noise: f64) -> Vec<f64> {
-        let rows = &self.rows[output];
+        let rows = self.of_output(output);
         let mut mapped = vec![0.0; rows.len()];
         add_mapped(rows, covariance, self.width, &mut mapped);
         let share = |(row, mapped): (&[f64], &[f64])| row.iter().zip(mapped).map(|(a, b)| a * b).sum::<f64>();
@@ -144,35 +164,30 @@ impl SensitivityRows {
 
     /// The same with the rows of all outputs weighted by `inverse_noise` (q by q).
     pub(super) fn weighted(&self, inverse_noise: &[f64]) -> Self {
-        let q = self.rows.len();
-        let weigh = |o: usize| {
-            let mut rows = vec![0.0; self.rows[o].len()];
-            self.weigh(&inverse_noise[o * q..(o + 1) * q], &mut rows);
-            rows
-        };
-        self.with_rows((0..q).map(weigh).collect())
+        let q = self.residuals.len();
+        let mut rows = vec![0.0; self.rows.len()];
+        for (rows, weights) in rows.chunks_mut((self.length * self.width).max(1)).zip(inverse_noise.chunks(q)) {
+            self.weigh(weights, rows);
+        }
+        self.with_rows(rows)
     }
 
     /// The same with each row times a factor (q by length).
     pub(super) fn scaled(&self, factors: &[Vec<f64>]) -> Self {
-        let scaled = |(rows, factors): (&Vec<f64>, &Vec<f64>)| {
-            let mut rows = rows.clone();
-            rows.chunks_mut(self.width.max(1)).zip(factors).for_each(|(row, factor)| scale(*factor, row));
-            rows
-        };
-        self.with_rows(self.rows.iter().zip(factors).map(scaled).collect())
+        let mut rows = self.rows.clone();
+        rows.chunks_mut(self.width.max(1)).zip(factors.iter().flatten()).for_each(|(row, factor)| scale(*factor, row));
+        self.with_rows(rows)
     }
 
-    fn with_rows(&self, rows: Vec<Vec<f64>>) -> Self {
-        let squares = rows.iter().map(|rows| squared(rows, self.width)).collect();
-        let (moments, residuals) = (self.moments.clone(), self.residuals.clone());
-        Self { rows, squares, moments, residuals, ..*self }
+    fn with_rows(&self, rows: Vec<f64>) -> Self {
+        let (moments, even) = (self.moments.clone(), self.even);
+        Self { moments, even, ..Self::of(self.grid.clone(), self.width, rows, self.residuals.clone()) }
     }
 
     /// Runs the noise's filters over the rows, weighted by `inverse_noise` (q by q): backward to what each innovation does,
     /// and forward again to what the noise looks like.
     pub(crate) fn filter(&self, colour: &Colour, inverse_noise: &[f64]) -> Filtered {
-        let (q, width) = (self.rows.len(), self.width);
+        let (q, width) = (self.residuals.len(), self.width);
         let factor = factor(&colour.innovations, q);
         if colour.is_white() {
             return self.mix(colour, &factor, inverse_noise);
@@ -206,45 +221,49 @@ impl SensitivityRows {
 
     /// What white noise makes of the rows; nothing of their size is made.
     fn mix(&self, colour: &Colour, factor: &[f64], inverse_noise: &[f64]) -> Filtered {
-        let (q, width) = (self.rows.len(), self.width);
+        let (q, width) = (self.residuals.len(), self.width);
         let product = |a: &[f64], b: &[f64]| -> Vec<f64> {
             (0..q * q).map(|k| (0..q).map(|l| a[k / q * q + l] * b[l * q + k % q]).sum()).collect()
         };
         let (half, weights) = (product(inverse_noise, factor), product(&colour.innovations, inverse_noise));
         let mut middle = vec![0.0; width * width];
-        let mut sums = vec![0.0; width * width];
-        let mut buffer = vec![0.0; BLOCK * width];
         for c in 0..q {
-            let others = (0..q).filter(|b| half[b * q + c] != 0.0).count();
-            if others < 2 {
-                (0..q).for_each(|b| add(half[b * q + c].powi(2), &self.squares[b], &mut middle));
-                continue;
-            }
-            for first in (0..self.length).step_by(BLOCK) {
-                let range = first * width..(first + BLOCK).min(self.length) * width;
-                let rows = &mut buffer[..range.len()];
-                rows.fill(0.0);
-                (0..q).for_each(|b| add(half[b * q + c], &self.rows[b][range.clone()], rows));
-                accumulate(rows, width, rows.len() / width, width, width, &mut sums);
-            }
+            let column: Vec<f64> = (0..q).map(|b| half[b * q + c]).collect();
+            add(1.0, &self.square_of(&column), &mut middle);
         }
-        add(1.0, &mirrored(sums, width), &mut middle);
         let images = weights.chunks(q.max(1)).map(|w| Image::Mixed(w.to_vec())).collect();
         Filtered { middle, images }
     }
 
-    /// `S' R^-1 S`, with `inverse_noise` (q by q).
-    pub(super) fn information(&self, inverse_noise: &[f64]) -> Vec<f64> {
-        let (q, width) = (self.rows.len(), self.width);
-        let factor = factor(inverse_noise, q);
+    /// The sum of the products of the rows of all outputs, added with these weights (width by width).
+    pub(super) fn square_of(&self, weights: &[f64]) -> Vec<f64> {
+        let width = self.width;
         let mut sums = vec![0.0; width * width];
-        let mut rows = vec![0.0; self.length * width];
-        for k in 0..q {
+        if weights.iter().filter(|w| **w != 0.0).count() < 2 {
+            weights.iter().zip(&self.squares).for_each(|(w, square)| add(w.powi(2), square, &mut sums));
+            return sums;
+        }
+        let mut buffer = vec![0.0; BLOCK * width];
+        for first in (0..self.length).step_by(BLOCK) {
+            let range = first * width..(first + BLOCK).min(self.length) * width;
+            let rows = &mut buffer[..range.len()];
             rows.fill(0.0);
-            (k..q).for_each(|o| add(factor[o * q + k], &self.rows[o], &mut rows));
-            accumulate(&rows, width, self.length, width, width, &mut sums);
+            self.of_outputs().zip(weights).for_each(|(r, w)| add(*w, &r[range.clone()], rows));
+            accumulate_products(rows, width, rows.len() / width, width, width, &mut sums);
         }
         mirrored(sums, width)
+    }
+
+    /// `S' R^-1 S`, with `inverse_noise` (q by q).
+    pub(super) fn information(&self, inverse_noise: &[f64]) -> Vec<f64> {
+        let (q, width) = (self.residuals.len(), self.width);
+        let factor = factor(inverse_noise, q);
+        let mut sums = vec![0.0; width * width];
+        for k in 0..q {
+            let column: Vec<f64> = (0..q).map(|o| factor[o * q + k]).collect();
+            add(1.0, &self.square_of(&column), &mut sums);
+        }
+        sums
     }
 
     /// Zeros where an output has no sample; `rows` begin at the place `first`.
@@ -258,42 +277,57 @@ impl SensitivityRows {
 
     /// Adds the rows of all outputs with these weights.
     pub(super) fn weigh(&self, weights: &[f64], to: &mut [f64]) {
-        for (rows, weight) in self.rows.iter().zip(weights) {
+        for (rows, weight) in self.of_outputs().zip(weights) {
             add(*weight, rows, to);
         }
     }
 
     /// Leverage correction: what fitting takes off the sums of lagged products of an output's residuals, for lags 0 to `most`: with P the
     /// projection on the sensitivities, the residuals have the covariance (1 - P) Rvv (1 - P)'. `reduced` are the Cramer-Rao
-    /// covariance of this run's columns and the corrected one (width by width).
+    /// covariance of this run's columns and the corrected one (width by width). `half` is room for rows, kept from call to call.
     pub(crate) fn taken(
         &self,
         output: usize,
         image: &Image,
         [inverse, covariance]: &[Vec<f64>; 2],
         most: usize,
+        half: &mut Vec<f64>,
     ) -> Vec<f64> {
-        let (width, rows) = (self.width, &self.rows[output]);
-        let halved: Vec<f64> = covariance.iter().map(|c| -0.5 * c).collect();
-        let mut half = vec![0.0; rows.len()];
+        let (width, rows) = (self.width, self.of_output(output));
+        // what white noise makes of an output's own rows is a multiple of them
+        let (own, others) = match image {
+            Image::Rows(_) => (0.0, true),
+            Image::Mixed(weights) => (weights[output], (0..weights.len()).any(|b| b != output && weights[b] != 0.0)),
+        };
+        let matrix: Vec<f64> = covariance.iter().zip(inverse).map(|(c, i)| own * i - 0.5 * c).collect();
+        half.clear();
+        half.resize(rows.len(), 0.0);
         let mut buffer = vec![0.0; BLOCK * width];
         for (block, half) in half.chunks_mut(BLOCK * width).enumerate() {
             let range = block * BLOCK * width..block * BLOCK * width + half.len();
-            add_mapped(&rows[range.clone()], &halved, width, half);
+            add_mapped(&rows[range.clone()], &matrix, width, half);
             match image {
                 Image::Rows(image) => add_mapped(&image[range], inverse, width, half),
-                Image::Mixed(weights) => {
+                Image::Mixed(weights) if others => {
                     let mixed = &mut buffer[..half.len()];
                     mixed.fill(0.0);
-                    self.rows.iter().zip(weights).for_each(|(r, w)| add(*w, &r[range.clone()], mixed));
+                    for (_, (rows, weight)) in self.of_outputs().zip(weights).enumerate().filter(|(b, _)| *b != output)
+                    {
+                        add(*weight, &rows[range.clone()], mixed);
+                    }
                     self.blank(output, block * BLOCK, mixed);
                     add_mapped(mixed, inverse, width, half);
                 }
+                Image::Mixed(_) => {}
             }
         }
         let mut sums = vec![0.0; most + 1];
-        add_lagged_products(rows, &half, width, &mut sums);
-        add_lagged_products(&half, rows, width, &mut sums);
+        add_lagged_products(rows, half, width, &mut sums);
+        match others {
+            true => add_lagged_products(half, rows, width, &mut sums),
+            // times a symmetric matrix they give the same sums the other way round
+            false => sums.iter_mut().for_each(|sum| *sum *= 2.0),
+        }
         sums
     }
 
@@ -330,7 +364,7 @@ pub(super) fn factor(matrix: &[f64], n: usize) -> Vec<f64> {
 fn squared(rows: &[f64], width: usize) -> Vec<f64> {
     let mut sums = vec![0.0; width * width];
     if width > 0 {
-        accumulate(rows, width, rows.len() / width, width, width, &mut sums);
+        accumulate_products(rows, width, rows.len() / width, width, width, &mut sums);
     }
     mirrored(sums, width)
 }
@@ -349,7 +383,10 @@ fn scale(factor: f64, rows: &mut [f64]) {
 
 fn add(factor: f64, from: &[f64], to: &mut [f64]) {
     if factor != 0.0 {
-        to.iter_mut().zip(from).for_each(|(t, f)| *t += factor * f);
+        dispatch(
+            #[inline(always)]
+            || accumulate(factor, from, to),
+        );
     }
 }
 
@@ -373,35 +410,55 @@ impl WithSimd for Mapping<'_> {
         let across = self.width / S::F64_LANES;
         let mut vector = 0;
         while vector < across {
-            let tile = (across - vector).min(4);
-            match tile {
-                1 => self.tile::<S, 1>(simd, vector),
-                2 => self.tile::<S, 2>(simd, vector),
-                3 => self.tile::<S, 3>(simd, vector),
-                _ => self.tile::<S, 4>(simd, vector),
-            }
-            vector += tile;
+            vector += match across - vector {
+                1 => self.tiles::<S, 1>(simd, vector),
+                _ => self.tiles::<S, 2>(simd, vector),
+            };
         }
     }
 }
 
 impl Mapping<'_> {
-    /// C vectors of all rows.
+    /// C vectors of all rows, four rows at a time as far as there are as many; gives C.
     #[inline(always)]
-    fn tile<S: Simd, const C: usize>(&mut self, simd: S, vector: usize) {
-        let across = self.width / S::F64_LANES;
+    fn tiles<S: Simd, const C: usize>(&mut self, simd: S, vector: usize) -> usize {
+        let rows = self.from.len() / self.width;
+        let mut row = 0;
+        while row + 4 <= rows {
+            self.tile::<S, 4, C>(simd, row, vector);
+            row += 4;
+        }
+        while row < rows {
+            self.tile::<S, 1, C>(simd, row, vector);
+            row += 1;
+        }
+        C
+    }
+
+    /// C vectors of R rows.
+    #[inline(always)]
+    fn tile<S: Simd, const R: usize, const C: usize>(&mut self, simd: S, row: usize, vector: usize) {
+        let (width, across) = (self.width, self.width / S::F64_LANES);
         let (matrix, to) = (S::as_simd_f64s(self.matrix).0, S::as_mut_simd_f64s(self.to).0);
-        for (from, to) in self.from.chunks_exact(self.width).zip(to.chunks_exact_mut(across)) {
-            let Some(to) = to[vector..].first_chunk_mut::<C>() else { return };
-            let mut sums = *to;
-            for (factor, row) in from.iter().zip(matrix.chunks_exact(across)) {
-                let Some(row) = row[vector..].first_chunk::<C>() else { return };
-                let factor = simd.splat_f64s(*factor);
+        let mut sums = [[simd.splat_f64s(0.0); C]; R];
+        for (r, sums) in sums.iter_mut().enumerate() {
+            sums.copy_from_slice(&to[(row + r) * across + vector..][..C]);
+        }
+        let mut from = [&self.from[..0]; R];
+        for (r, from) in from.iter_mut().enumerate() {
+            *from = &self.from[(row + r) * width..][..width];
+        }
+        for (k, matrix) in matrix.chunks_exact(across).enumerate() {
+            let Some(matrix) = matrix[vector..].first_chunk::<C>() else { return };
+            for r in 0..R {
+                let factor = simd.splat_f64s(from[r][k]);
                 for c in 0..C {
-                    sums[c] = simd.mul_add_f64s(factor, row[c], sums[c]);
+                    sums[r][c] = simd.mul_add_f64s(factor, matrix[c], sums[r][c]);
                 }
             }
-            *to = sums;
+        }
+        for (r, sums) in sums.iter().enumerate() {
+            to[(row + r) * across + vector..][..C].copy_from_slice(sums);
         }
     }
 }

@@ -3,17 +3,16 @@
 
 use super::cramer_rao::CramerRao;
 use super::sandwich::{Corrected, PriorInformation, Sandwich, Uncorrected};
-use super::sensitivity_rows::{Colour, SensitivityRows, sampling};
+use super::sensitivity_rows::{Colour, SensitivityRows};
 use super::spectra::noise_by_frequency;
 use crate::iteration::priors::PriorRow;
 use crate::noise::Weights;
 use crate::observer::Observer;
-use crate::problem::Problem;
+use crate::problem::{Problem, ProblemRun};
 use crate::residuals::NoiseVariation;
 use crate::residuals::autoregression::{self, AutoRegression};
 use crate::residuals::noise_variation::{self, OutputSeries};
 use crate::unknowns::Unknowns;
-use fdm_system::record::even_grid::EvenGrid;
 use num_complex::Complex64;
 
 /// Probability of chance, without leverage, above which noise is not looked at more closely.
@@ -34,7 +33,7 @@ pub(crate) fn allow(
 ) -> Result<Vec<NoiseVariation>, Uncorrected> {
     let bound = sandwich.bound;
     let Some(noise) = &bound.noise else { return Ok(Vec::new()) };
-    let mut outputs = series(problem, responses);
+    let mut outputs = series(problem, responses, runs);
     let found = noise_variation::test(&outputs);
     if found.iter().all(|v| v.p_value > DOUBTFUL) {
         return Ok(found);
@@ -132,15 +131,11 @@ pub(crate) fn allow_spectra(
 }
 
 /// Every output in every run.
-fn series(problem: &Problem<'_>, responses: &[Vec<f64>]) -> Vec<(String, Vec<OutputSeries>)> {
+fn series(problem: &Problem<'_>, responses: &[Vec<f64>], runs: &[SensitivityRows]) -> Vec<(String, Vec<OutputSeries>)> {
     let q = problem.outputs.len();
-    let grids: Vec<EvenGrid> = problem
-        .runs
-        .iter()
-        .map(|run| sampling(run).unwrap_or_else(|| EvenGrid::counted(run.response.samples())))
-        .collect();
     let of = |o: usize| {
-        let one = |((run, response), grid): ((&crate::problem::ProblemRun<'_>, &Vec<f64>), &EvenGrid)| {
+        let one = |((run, response), rows): ((&ProblemRun<'_>, &Vec<f64>), &SensitivityRows)| {
+            let grid = &rows.grid;
             let cells = || run.measured.iter().zip(response).skip(o).step_by(q);
             let time = run.response.time().map(|time| grid.spread(time.iter().map(|t| t - time[0])));
             OutputSeries {
@@ -150,7 +145,7 @@ fn series(problem: &Problem<'_>, responses: &[Vec<f64>]) -> Vec<(String, Vec<Out
                 left: Vec::new(),
             }
         };
-        problem.runs.iter().zip(responses).zip(&grids).map(one).collect()
+        problem.runs.iter().zip(responses).zip(runs).map(one).collect()
     };
     problem.outputs.iter().enumerate().map(|(o, name)| (name.clone(), of(o))).collect()
 }
