@@ -85,8 +85,8 @@ const BLOCK: usize = 512;
 const LAGS_OF_ROWS: usize = 8;
 /// Rows that serve each other.
 const TILE: usize = 4;
-/// Pairs of rows of which the columns of vectors stay in the nearest cache.
-const PAIRS: usize = 64;
+/// Rows of which the columns of vectors stay in the nearest cache.
+const ROWS: usize = 128;
 
 /// Adds to `sums[k]` the sum over i of `early[i] late[i + k step]`, as far as both reach. The order of the sums depends on the
 /// lengths alone, not on the processor.
@@ -129,42 +129,27 @@ impl WithSimd for Lags<'_> {
 }
 
 impl Lags<'_> {
-    /// Rows of `step` numbers, all lags in eight sums side by side. Of two neighbouring rows a, b early and two lags, f to g and g to h late, three products
-    /// are enough (Winograd 1980): `a f + b g = (a + b) g + a (f - g)`, `a g + b h = (a + b) g + b (h - g)`.
+    /// Rows of `step` numbers, column by column of vectors, all lags in eight sums side by side.
     #[inline(always)]
     fn of_rows<S: Simd>(self, simd: S) {
         let Self { early, late, step, sums } = self;
         let across = step / S::F64_LANES;
         let (early, late) = (S::as_simd_f64s(early).0, S::as_simd_f64s(late).0);
-        let lags = sums.len().div_ceil(2).next_multiple_of(LAGS_OF_ROWS);
-        let [mut shared, mut even, mut odd] = [(); 3].map(|()| vec![[0.0; 8]; lags]);
-        let mut room = [(); 6].map(|()| Aligned::<f64>::new((PAIRS + lags + 1) * S::F64_LANES));
-        let [a, b, both, f, g, h] = room.each_mut().map(|room| S::as_mut_simd_f64s(room).0);
+        let lags = sums.len().next_multiple_of(LAGS_OF_ROWS);
+        let mut total = vec![[0.0; 8]; lags];
+        let mut room = [(); 2].map(|()| Aligned::<f64>::new((ROWS + lags) * S::F64_LANES));
+        let [near, far] = room.each_mut().map(|room| S::as_mut_simd_f64s(room).0);
         let rows = early.len() / across;
-        for first in (0..rows).step_by(2 * PAIRS) {
-            let pairs = PAIRS.min((rows - first).div_ceil(2)).next_multiple_of(TILE);
+        for first in (0..rows).step_by(ROWS) {
+            let count = ROWS.min(rows - first).next_multiple_of(TILE);
             let (early, late) = (&early[first * across..], late.get(first * across..).unwrap_or_default());
             for vector in 0..across {
-                let (a, b) = (&mut a[..pairs], &mut b[..pairs]);
-                columns(simd, early, across, vector, [a, b]);
-                columns(simd, late, across, vector, [f, g]);
-                for ((both, a), b) in both.iter_mut().zip(&*a).zip(&*b) {
-                    *both = simd.add_f64s(*a, *b);
-                }
-                for j in 0..pairs + lags {
-                    h[j] = simd.sub_f64s(f[j + 1], g[j]);
-                    f[j] = simd.sub_f64s(f[j], g[j]);
-                }
-                let part = vector * S::F64_LANES % 8;
-                tiles(simd, &both[..pairs], g, part, &mut shared);
-                tiles(simd, a, f, part, &mut even);
-                tiles(simd, b, h, part, &mut odd);
+                column(simd, early, across, vector, &mut near[..count]);
+                column(simd, late, across, vector, &mut far[..count + lags]);
+                tiles(simd, &near[..count], far, vector * S::F64_LANES % 8, &mut total);
             }
         }
-        let lags = shared.into_iter().zip(even.into_iter().zip(odd));
-        for (sums, (shared, (even, odd))) in sums.chunks_mut(2).zip(lags) {
-            sums.iter_mut().zip([even, odd]).for_each(|(sum, own)| *sum += together(shared) + together(own));
-        }
+        sums.iter_mut().zip(total).for_each(|(sum, own)| *sum += together(own));
     }
 }
 
@@ -229,23 +214,11 @@ fn together([a, b, c, d, e, f, g, h]: [f64; 8]) -> f64 {
     ((a + e) + (c + g)) + ((b + f) + (d + h))
 }
 
-/// A column of vectors over all rows: those of every second row, and those behind them; zeros where there are no more rows.
+/// A column of vectors, a row each; zeros where there are no more.
 #[inline(always)]
-fn columns<S: Simd>(simd: S, rows: &[S::f64s], across: usize, vector: usize, [even, odd]: [&mut [S::f64s]; 2]) {
-    let pairs = rows.chunks_exact(2 * across);
-    let rest = pairs.remainder();
-    let there = even.len().min(pairs.len());
-    for ((even, odd), pair) in even.iter_mut().zip(&mut *odd).zip(pairs) {
-        *even = pair[vector];
-        *odd = pair[across + vector];
-    }
-    even[there..].fill(simd.splat_f64s(0.0));
-    odd[there..].fill(simd.splat_f64s(0.0));
-    for (to, at) in [(even, vector), (odd, across + vector)] {
-        if let (Some(to), Some(last)) = (to.get_mut(there), rest.get(at)) {
-            *to = *last;
-        }
-    }
+fn column<S: Simd>(simd: S, rows: &[S::f64s], across: usize, vector: usize, to: &mut [S::f64s]) {
+    let mut rows = rows.chunks(across).map(|row| row.get(vector));
+    to.fill_with(|| rows.next().flatten().copied().unwrap_or_else(|| simd.splat_f64s(0.0)));
 }
 
 #[cfg(test)]
