@@ -699,25 +699,25 @@ impl<'a> ForwardSelection<'a> {
         let effects = attribution.as_ref().and_then(|a| a.by_effect).unwrap_or(0.0).max(0.0);
         let unnamed = |odds: f64| verdict == Verdict::UnknownCause || (left && odds > effects + BELIEVED);
         let mut curve = None;
-        if let Some((law, _)) = likeliest.filter(|(_, odds)| unnamed(*odds) && goes_on()) {
-            if let Some(law) = fitted_law.or_else(|| curve_of(&law)) {
-                let mut told = problem.law(&law);
-                if let Some(attribution) = attribution.as_mut().filter(|_| told.objection.is_none()) {
-                    let stand_in = "that law as a table in the text, a stand-in for what has no name";
-                    attribution.warnings.push(format!("{}: {stand_in}", law.place));
-                }
-                told.recommended = verdict == Verdict::UnknownCause && told.objection.is_none();
-                if told.recommended {
-                    new.clone_from(&law.written.fitted.response);
-                    curve = Some(law.current);
-                    over_all = fitted_to_all(&law.written);
-                    written = Some(law.written);
-                }
-                if front.is_empty() {
-                    front.push(problem.given());
-                }
-                front.push(told);
+        if let Some((law, _)) = likeliest.filter(|(_, odds)| unnamed(*odds) && goes_on())
+            && let Some(law) = fitted_law.or_else(|| curve_of(&law))
+        {
+            let mut told = problem.law(&law);
+            if let Some(attribution) = attribution.as_mut().filter(|_| told.objection.is_none()) {
+                let stand_in = "that law as a table in the text, a stand-in for what has no name";
+                attribution.warnings.push(format!("{}: {stand_in}", law.place));
             }
+            told.recommended = verdict == Verdict::UnknownCause && told.objection.is_none();
+            if told.recommended {
+                new.clone_from(&law.written.fitted.response);
+                curve = Some(law.current);
+                over_all = fitted_to_all(&law.written);
+                written = Some(law.written);
+            }
+            if front.is_empty() {
+                front.push(problem.given());
+            }
+            front.push(told);
         }
         if options.tables && in_time && self.may_be_curved(verdict, left) && (self.goes_on)() {
             (self.progress)("trying coefficients as tables");
