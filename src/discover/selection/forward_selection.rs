@@ -666,7 +666,7 @@ impl<'a> ForwardSelection<'a> {
         let mut fitted_law = None;
         if let (Verdict::UnknownCause, Some((law, _)), Some(current), Some(own)) =
             (verdict, &likeliest, &last, &written)
-            && !left
+            && explained.as_ref().is_some_and(|explained| !explained.repeats())
         {
             // effects that leave nothing of a law and predict better than its curve are what it is
             fitted_law = curve_of(law);
