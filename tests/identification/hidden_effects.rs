@@ -155,32 +155,31 @@ fn a_stop_that_stiffens_is_a_gate() {
 #[test]
 fn friction_and_drag_of_a_free_swing() {
     const STIFFNESS: f64 = 64.0;
+    const VISCOUS: f64 = 0.03;
     const FRICTION: f64 = 0.2266;
     const DRAG: f64 = 0.0061;
     let dt = 0.05;
     let text = "model swing { state theta [rad] = free; state omega [rad/s] = free; \
                 param w2 = 60 in [0, 1000] [1/s^2]; param c = 0.03 [1/s]; \
                 der(theta) = omega; der(omega) = -w2*sin(theta) - c*omega; output angle [rad] = theta; }";
-    for (name, viscous) in [("swing", 0.03)] {
-        let states = motion([1.5, 0.0], (1100, dt), |_, x| {
-            let lost = viscous * x[1] + DRAG * x[1] * x[1].abs() + FRICTION * (x[1] / 0.05).tanh();
-            [x[1], -STIFFNESS * x[0].sin() - lost]
-        });
-        let angles: Vec<[f64; 1]> = states.iter().map(|x| [x[0]]).collect();
-        let run = record(name, dt, (&angles, [0.002]), |_| []);
-        let names = ["coulomb_friction", "quadratic_damping", "cubic_damping"];
-        // cubic damping, which may be told in the place of drag, is of that field
-        let found = found(text, &[run], &[], Field::Ship, &names);
-        let mut places: Vec<String> = found.causes.iter().map(|c| c.place.to_string()).collect();
-        places.sort();
-        assert_eq!(places, ["coulomb_friction(omega)", "quadratic_damping(omega)"], "{name} {:#?}", found.front);
-        for (place, truth) in [("coulomb_friction(omega)", FRICTION), ("quadratic_damping(omega)", DRAG)] {
-            let (value, error) = size(&found, place);
-            assert!((value - truth).abs() < 4.0 * error && error < 0.1 * truth, "{name} {place}: {value} +- {error}");
-        }
-        let written = found.outputs.iter().find(|o| o.output == "angle").unwrap();
-        assert!(written.rms_after.unwrap() < 0.0021, "{name} {written:?}");
+    let states = motion([1.5, 0.0], (1100, dt), |_, x| {
+        let lost = VISCOUS * x[1] + DRAG * x[1] * x[1].abs() + FRICTION * (x[1] / 0.05).tanh();
+        [x[1], -STIFFNESS * x[0].sin() - lost]
+    });
+    let angles: Vec<[f64; 1]> = states.iter().map(|x| [x[0]]).collect();
+    let run = record("swing", dt, (&angles, [0.002]), |_| []);
+    let names = ["coulomb_friction", "quadratic_damping", "cubic_damping"];
+    // cubic damping, which may be told in the place of drag, is of that field
+    let found = found(text, &[run], &[], Field::Ship, &names);
+    let mut places: Vec<String> = found.causes.iter().map(|c| c.place.to_string()).collect();
+    places.sort();
+    assert_eq!(places, ["coulomb_friction(omega)", "quadratic_damping(omega)"], "{:#?}", found.front);
+    for (place, truth) in [("coulomb_friction(omega)", FRICTION), ("quadratic_damping(omega)", DRAG)] {
+        let (value, error) = size(&found, place);
+        assert!((value - truth).abs() < 4.0 * error && error < 0.1 * truth, "{place}: {value} +- {error}");
     }
+    let written = found.outputs.iter().find(|o| o.output == "angle").unwrap();
+    assert!(written.rms_after.unwrap() < 0.0021, "{written:?}");
 }
 
 /// A rudder behind a propeller acts with the square of the speed of rotation.

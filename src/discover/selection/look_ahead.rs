@@ -117,7 +117,10 @@ impl ForwardSelection<'_> {
         let is_mechanism = |k: &usize| comparison.models[*k].class == Class::Mechanism;
         let (mut chosen, mut mechanism) = (best, fit.iter().copied().find(is_mechanism));
         if !others.is_empty() && self.accepted.len() + 2 <= self.options.most && (self.goes_on)() {
-            (self.progress)(&format!("fitting sets of effects that begin with {} of them", others.len() + 1));
+            (self.progress)(&format!(
+                "fitting sets of effects that begin with {} of them",
+                others.len() + usize::from(best.is_some())
+            ));
             let totals = self.totals(step, comparison, can, &others);
             let least = |of: &dyn Fn(&usize) -> bool| {
                 let finite = totals.iter().filter(|(k, total)| total.is_finite() && of(k));

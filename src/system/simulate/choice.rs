@@ -324,7 +324,7 @@ impl Choice<'_> {
         let lanes = &self.dynamics.layout().stage.lane;
         let columns: Vec<usize> = (0..lanes.len()).filter(|param| lanes[*param].is_some()).collect();
         let rows = self.run.len() * self.dynamics.layout().outputs;
-        let tile = (MOST_DERIVATIVES / rows.max(1)).next_multiple_of(VECTOR);
+        let tile = (MOST_DERIVATIVES / rows.max(1)).max(1).next_multiple_of(VECTOR);
         let mut worst = 0.0_f64;
         for columns in columns.chunks(tile) {
             if !(self.goes_on)() {
