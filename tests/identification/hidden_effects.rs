@@ -155,7 +155,7 @@ fn a_stop_that_stiffens_is_a_gate() {
 #[test]
 fn friction_and_drag_of_a_free_swing() {
     const STIFFNESS: f64 = 64.0;
-    const VISCOUS: f64 = 0.03;
+    const VISCOUS: f64 = 0.02;
     const FRICTION: f64 = 0.2266;
     const DRAG: f64 = 0.0061;
     let dt = 0.05;
@@ -167,7 +167,7 @@ fn friction_and_drag_of_a_free_swing() {
         [x[1], -STIFFNESS * x[0].sin() - lost]
     });
     let angles: Vec<[f64; 1]> = states.iter().map(|x| [x[0]]).collect();
-    let run = record("swing", dt, (&angles, [0.002]), |_| []);
+    let run = record("decay", dt, (&angles, [0.002]), |_| []);
     let names = ["coulomb_friction", "quadratic_damping", "cubic_damping"];
     // cubic damping, which may be told in the place of drag, is of that field
     let found = found(text, &[run], &[], Field::Ship, &names);
