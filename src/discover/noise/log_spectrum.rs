@@ -95,6 +95,8 @@ struct Continued {
     /// log S there and its deviation.
     value: f64,
     deviation: f64,
+    /// log S there by what all other bins say.
+    unheard: f64,
 }
 
 /// The spectrum of one smoothness, or of one family.
@@ -295,10 +297,11 @@ impl LogSpectrum {
         let freedom: f64 = means.iter().map(|m| m.freedom).sum();
         let power: f64 = means.iter().map(|m| m.freedom * m.power).sum();
         let (knots, mut parts) = (std::mem::take(&mut self.knots), std::mem::take(&mut self.parts));
-        let mut likelihood = Vec::with_capacity(parts.len());
+        let (mut likelihood, mut unheard) = (Vec::with_capacity(parts.len()), Vec::with_capacity(parts.len()));
         for part in &mut parts {
             let (value, variance) = part.continued(&knots, below);
             part.mean = (value, variance.sqrt());
+            unheard.push((value, part.weight));
             let told =
                 (freedom > 0.0).then(|| Told::of((value, variance), (freedom, power), part.values[0].min(value)));
             if let Some(told) = &told {
@@ -314,26 +317,36 @@ impl LogSpectrum {
             self.evidence += best + total.ln();
             self.values = medians(&parts, knots.len());
         }
-        let value = match parts.is_empty() {
-            true => self.values[0],
-            false => median(parts.iter().map(|part| (part.mean.0, part.weight)).collect()),
+        let (value, unheard) = match parts.is_empty() {
+            true => (self.values[0], self.values[0]),
+            false => (median(parts.iter().map(|part| (part.mean.0, part.weight)).collect()), median(unheard)),
         };
         let deviation = parts.iter().map(|part| part.weight * part.mean.1.hypot(part.mean.0 - value)).sum();
         (self.knots, self.parts) = (knots, parts);
-        self.mean = Continued { below, value, deviation };
+        self.mean = Continued { below, value, deviation, unheard };
         self
     }
 
     /// S at a frequency given by its logarithm. Below the lowest bin that was seen it goes on to that of the means, or as it rose there, if
     /// it did.
     pub fn at(&self, log_frequency: f64) -> f64 {
+        self.with_means_at(self.mean.value, log_frequency)
+    }
+
+    /// The same where the means of records are heard of by all other bins alone. What the means hold may be an offset: noise that is told by
+    /// them would hide it.
+    pub(crate) fn without_means_at(&self, log_frequency: f64) -> f64 {
+        self.with_means_at(self.mean.unheard, log_frequency)
+    }
+
+    fn with_means_at(&self, mean: f64, log_frequency: f64) -> f64 {
         let known = Hat::at(&self.knots, log_frequency).of(self.values.as_slice());
         let (below, near) = ((self.knots[0] - log_frequency).max(0.0), near(&self.knots));
         if below == 0.0 {
             return known.exp();
         }
         if self.mean.below > 0.0 {
-            return (known + (self.mean.value - known) * (below / self.mean.below).min(1.0)).exp();
+            return (known + (mean - known) * (below / self.mean.below).min(1.0)).exp();
         }
         if near == 0 {
             return known.exp();
@@ -674,6 +687,10 @@ mod tests {
         // means that differ from run to run are noise; such that are near zero by chance make no spectrum fall
         assert!(with_means(500, 4, |_| 2.0, 400.0).at(place) > 20.0);
         assert!(with_means(500, 4, |_| 2.0, 1e-6).at(place) > 1.9);
+        // they may be an offset that nothing has taken out yet: the others do not hear of it
+        let off = with_means(500, 3, |_| 2.0, 400.0);
+        assert!((off.without_means_at(place) / 2.0).ln().abs() < 0.2, "{}", off.without_means_at(place));
+        assert_eq!(off.without_means_at(2.0), off.at(2.0));
     }
 
     #[test]

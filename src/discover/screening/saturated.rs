@@ -122,9 +122,10 @@ pub(super) fn densities(bands: &Bands, spectra: &[LogSpectrum]) -> Vec<f64> {
     bands.list.iter().map(|band| spectra[band.channel].inflated(band.log_frequency)).collect()
 }
 
-/// The same, however little is known of it: by this it is judged what a residual follows.
+/// The same, however little is known of it, and without a word of the means: by this it is judged what a residual follows. Means that are off
+/// for want of an effect would be called noise that wanders, and no offset be followed by them.
 pub(super) fn likeliest(bands: &Bands, spectra: &[LogSpectrum]) -> Vec<f64> {
-    bands.list.iter().map(|band| spectra[band.channel].at(band.log_frequency)).collect()
+    bands.list.iter().map(|band| spectra[band.channel].without_means_at(band.log_frequency)).collect()
 }
 
 /// How far a resonance stands out of what is beside it, in log S.
