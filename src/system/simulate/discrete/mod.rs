@@ -12,6 +12,8 @@ mod feed;
 mod map;
 mod response;
 mod subsystem;
+#[cfg(test)]
+mod tests;
 mod transition;
 
 use super::blocks::{Gathering, OutputRow, RowLayout, Sink};
@@ -131,11 +133,8 @@ impl Discrete {
         let per = trajectory.grid.per_interval().unwrap_or(1);
         let in_place = linear && per == 1;
         let steps = steps_of_a_block(layout.states * (columns.len() + 1).next_multiple_of(VECTOR));
-        let kept = match () {
-            () if columns.is_empty() || in_place => 0,
-            () if linear => steps,
-            () => 1,
-        };
+        // steps between samples are taken a block at a time
+        let kept = if columns.is_empty() || in_place { 0 } else { per.min(steps) };
         let counts = Counts { kinds: intervals.lengths.len(), per, kept };
         let parts = partition(layout, linear).into_iter();
         let mut subsystems: Vec<_> =
