@@ -8,7 +8,7 @@ use super::extended_model::SignalScales;
 use super::fitted_model::{FittedModel, records, shared_from};
 use super::initial_fit::Thoroughness;
 use super::runs::{DiagnosisOptions, GoesOn, Runs};
-use super::written_model::{WrittenModel, written_model};
+use super::written_model::{WrittenModel, at_values, written_model};
 use crate::diagnosis::EffectAt;
 use crate::disturbance::{CurvePoint, Law, PlaceKind};
 use fdm_grammar::Source;
@@ -23,6 +23,8 @@ const PIECES: [usize; 5] = [8, 12, 24, 48, 96];
 const OFF: (f64, f64) = (0.5, 0.03);
 /// Part of its own energy that a level or a slope of the curve must have beside the model's own parameters.
 const DISTINCT: f64 = 1e-6;
+/// Error of the model with its curve, in that of the model without, beyond which no fit is tried.
+const HOPELESS: f64 = 2.0;
 /// Eigenvalues below this part of the largest belong to nothing.
 const ROUNDING: f64 = 1e-12;
 /// Digits of an ordinate, and of an abscissa beyond those that tell nodes apart.
@@ -78,6 +80,12 @@ pub(super) fn law_model(
         _ => Tabulated::new(first, runs, law, &points, pinned)?,
     };
     let current = tabulated.at(first, theta, runs)?;
+    // a curve that makes an equation unstable may keep a fit busy for minutes, and is no law
+    let begun = at_values(&current, &current.theta, &first.response, runs);
+    let begun = begun.ok_or("the model with its curve has no response")?.training.sqrt();
+    if begun > HOPELESS {
+        return Err(format!("with its curve the error is {begun:.1} times as large as without"));
+    }
     let asked = (runs, options, goes_on);
     let written = written_model(&current, &current.theta, &first.response, asked, Thoroughness::Once)?;
     let place =
