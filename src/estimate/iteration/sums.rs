@@ -35,9 +35,6 @@ pub(crate) struct Sums {
     waiting: Vec<f64>,
     filled: usize,
     work: Vec<f64>,
-    /// Residuals of a block, and their lanes in the rows of a sample.
-    residuals: Vec<f64>,
-    lanes: Vec<usize>,
 }
 
 /// The sums of one output, of the columns alone that it depends on: a model of many outputs needs no more memory than it has
@@ -102,8 +99,6 @@ impl Sums {
             waiting: Vec::new(),
             filled: 0,
             work: Vec::new(),
-            residuals: Vec::new(),
-            lanes: Vec::new(),
         }
     }
 
@@ -131,7 +126,7 @@ impl Sums {
     /// group.
     pub(crate) fn add(&mut self, block: &mut Block<'_>, measured: &[f64], whitener: Option<&[f64]>) {
         let outputs = block.layout.outputs.len();
-        self.place_residuals(block, measured);
+        place_residuals(block, measured);
         if self.planar {
             self.planar = false;
             self.clear();
@@ -188,26 +183,6 @@ impl Sums {
             }
         }
         self.finite = rest == 0.0;
-    }
-
-    /// Writes the residuals to the free lanes of the rows; where nothing was measured a row becomes zero.
-    fn place_residuals(&mut self, block: &mut Block<'_>, measured: &[f64]) {
-        let (outputs, length) = (&block.layout.outputs[..], block.layout.length);
-        self.lanes.clear();
-        self.lanes.extend(outputs.iter().map(|row| row.start + row.columns.len()));
-        self.residuals.clear();
-        self.residuals.extend(measured.iter().zip(block.y).map(|(z, y)| z - y));
-        let (lanes, samples) = (&self.lanes[..], self.residuals.chunks_exact(outputs.len()));
-        for (residuals, row) in samples.zip(block.rows.chunks_exact_mut(length)) {
-            lanes.iter().zip(residuals).for_each(|(lane, v)| row[*lane] = *v);
-        }
-        // all cells are looked at before any is told apart: that takes vectors, and gaps are few
-        if measured.iter().fold(false, |gaps, z| gaps | z.is_nan()) {
-            for (k, _) in measured.iter().enumerate().filter(|(_, z)| z.is_nan()) {
-                let row = &outputs[k % outputs.len()];
-                block.rows[k / outputs.len() * length + row.start..][..row.width].fill(0.0);
-            }
-        }
     }
 
     /// Products of one output's rows, where they stand.
@@ -278,6 +253,21 @@ fn finite(values: &[f64]) -> bool {
     // exponents all ones are no numbers; the largest of all is found in vectors
     let largest = values.iter().fold(0, |largest: u64, v| largest.max(v.to_bits() & (u64::MAX >> 1)));
     f64::from_bits(largest).is_finite()
+}
+
+/// Writes the residuals to the free lanes of the rows; where nothing was measured a row becomes zero.
+fn place_residuals(block: &mut Block<'_>, measured: &[f64]) {
+    let (outputs, length) = (&block.layout.outputs[..], block.layout.length);
+    let cells = measured.chunks_exact(outputs.len()).zip(block.y.chunks_exact(outputs.len()));
+    for ((z, y), lanes) in cells.zip(block.rows.chunks_exact_mut(length)) {
+        for ((z, y), row) in z.iter().zip(y).zip(outputs) {
+            if z.is_nan() {
+                lanes[row.start..][..row.width].fill(0.0);
+            } else {
+                lanes[row.start + row.columns.len()] = z - y;
+            }
+        }
+    }
 }
 
 /// Adds `factor` times the row [J v] of an output to a row of all columns.

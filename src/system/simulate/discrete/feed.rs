@@ -8,7 +8,7 @@ use fdm_grammar::graph::Signal;
 use std::ops::Range;
 
 /// One number of the feed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy)]
 pub(super) enum Reading {
     /// From the values of the drive, at this distance from those of the step or sample.
     Value(u32),
@@ -19,6 +19,8 @@ pub(super) enum Reading {
     Slope(u32),
     /// One of the neighbouring samples of an input through which its delay is seen.
     Tap { input: u32, delayed: u32, tap: u32 },
+    /// 1, for constants.
+    One,
 }
 
 /// A number of the feed and its coefficients: a combination of the weights at the beginning, in the middle and at the end
@@ -26,7 +28,7 @@ pub(super) enum Reading {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Term {
     pub(super) reading: Reading,
-    /// Position among the drives of this group of equations.
+    /// Position among the drives of this group of equations; the constant stands behind them.
     pub(super) drive: usize,
     pub(super) weights: [f64; 3],
 }
@@ -46,113 +48,17 @@ impl Term {
     }
 }
 
-/// The numbers of the feed, one row for each of some steps or samples.
-#[derive(Clone, Copy)]
-pub(super) struct Feed<'f> {
-    numbers: &'f [f64],
-    stride: usize,
-    length: usize,
-}
-
-impl<'f> Feed<'f> {
-    #[inline(always)]
-    pub(super) fn row(&self, k: usize) -> &'f [f64] {
-        &self.numbers[k * self.stride..][..self.length]
-    }
-
-    /// The same from a later row on.
-    #[inline(always)]
-    pub(super) fn from(mut self, k: usize) -> Self {
-        self.numbers = &self.numbers[k * self.stride..];
-        self
-    }
-}
-
-/// What the subsystems read, and where it stands: among the samples of the drive, if all of it does, else where it has been gathered.
-#[derive(Default)]
-pub(super) struct Readings {
-    all: Vec<Reading>,
-    /// Whether it must be gathered.
-    gathered: bool,
-    length: usize,
-}
-
-impl Readings {
-    /// Of the terms of all subsystems.
-    pub(super) fn of<'t>(terms: impl Iterator<Item = &'t Term>, outputs: bool) -> Self {
-        let mut all: Vec<Reading> = Vec::new();
-        for term in terms {
-            if !all.contains(&term.reading) {
-                all.push(term.reading);
-            }
-        }
-        let place = |reading: &Reading| match reading {
-            Reading::Sample(at) => Some(*at as usize),
-            Reading::Value(at) if outputs => Some(*at as usize),
-            _ => None,
-        };
-        let places: Option<Vec<usize>> = all.iter().map(place).collect();
-        let length = places.as_ref().map_or(all.len(), |places| places.iter().max().map_or(0, |last| last + 1));
-        Self { gathered: places.is_none(), all, length }
-    }
-
-    /// Where a reading stands in a row of the feed.
-    pub(super) fn place(&self, reading: Reading) -> u32 {
-        match reading {
-            Reading::Sample(at) | Reading::Value(at) if !self.gathered => at,
-            _ => self.all.iter().position(|other| *other == reading).map_or(0, |place| place as u32),
-        }
-    }
-
-    /// Numbers that are gathered for every step or sample.
-    pub(super) fn gathered(&self) -> usize {
-        if self.gathered { self.all.len() } else { 0 }
-    }
-
-    /// The feed of some steps; `gathered` is room for it.
-    #[inline(always)]
-    pub(super) fn of_steps<'f>(&self, drive: &'f DriveTable, steps: Range<usize>, gathered: &'f mut [f64]) -> Feed<'f> {
-        if self.gathered {
-            gather(&self.all, drive, steps.clone(), gathered);
-        }
-        self.feed(drive, steps.start, gathered)
-    }
-
-    /// The feed of some samples, likewise.
-    #[inline(always)]
-    pub(super) fn of_samples<'f>(
-        &self,
-        drive: &'f DriveTable,
-        samples: Range<usize>,
-        gathered: &'f mut [f64],
-    ) -> Feed<'f> {
-        if self.gathered {
-            gather_samples(&self.all, drive, samples.clone(), gathered);
-        }
-        self.feed(drive, samples.start, gathered)
-    }
-
-    /// The feed from a step or sample on, which has been gathered if it must be.
-    #[inline(always)]
-    pub(super) fn feed<'f>(&self, drive: &'f DriveTable, first: usize, gathered: &'f [f64]) -> Feed<'f> {
-        if self.gathered {
-            return Feed { numbers: gathered, stride: self.all.len(), length: self.length };
-        }
-        let (samples, stride) = (drive.all_samples(), drive.width());
-        Feed { numbers: &samples[(first * stride).min(samples.len())..], stride, length: self.length }
-    }
-}
-
 /// The feed of some steps, one row of numbers for each.
 #[inline(always)]
-fn gather(readings: &[Reading], drive: &DriveTable, steps: Range<usize>, feed: &mut [f64]) {
-    let (width, count) = (readings.len(), steps.len());
+pub(super) fn gather(terms: &[Term], drive: &DriveTable, steps: Range<usize>, feed: &mut [f64]) {
+    let (width, count) = (terms.len(), steps.len());
     let feed = &mut feed[..width * count];
-    for (m, reading) in readings.iter().enumerate() {
-        let (table, stride, from) = match *reading {
+    for (m, term) in terms.iter().enumerate() {
+        let (table, stride, from) = match term.reading {
             Reading::Value(at) => (drive.all_stages(), 3 * drive.width(), at as usize),
             Reading::Sample(at) => (drive.all_samples(), drive.width(), at as usize),
             Reading::Slope(at) => (drive.all_stage_slopes(), 3 * drive.delays(), at as usize),
+            Reading::One => (&[1.0][..], 0, 0),
             Reading::Tap { input, delayed, tap } => {
                 let first = drive.taps(delayed as usize).first + i64::from(tap);
                 let (begin, end) = (first + steps.start as i64, first + steps.end as i64);
@@ -177,13 +83,13 @@ fn gather(readings: &[Reading], drive: &DriveTable, steps: Range<usize>, feed: &
 
 /// The feed of the outputs at some samples, likewise.
 #[inline(always)]
-fn gather_samples(readings: &[Reading], drive: &DriveTable, samples: Range<usize>, feed: &mut [f64]) {
-    let width = readings.len();
-    for (m, reading) in readings.iter().enumerate() {
-        let (table, stride, at) = match *reading {
+pub(super) fn gather_samples(terms: &[Term], drive: &DriveTable, samples: Range<usize>, feed: &mut [f64]) {
+    let width = terms.len();
+    for (m, term) in terms.iter().enumerate() {
+        let (table, stride, at) = match term.reading {
             Reading::Value(at) | Reading::Sample(at) => (drive.all_samples(), drive.width(), at as usize),
             Reading::Slope(at) => (drive.all_sample_slopes(), drive.delays(), at as usize),
-            Reading::Tap { .. } => continue,
+            Reading::One | Reading::Tap { .. } => (&[1.0][..], 0, 0),
         };
         place(table, (samples.start * stride + at, stride), &mut feed[..width * samples.len()], (m, width));
     }
@@ -199,7 +105,7 @@ fn place(table: &[f64], (mut from, stride): (usize, usize), feed: &mut [f64], (m
 }
 
 /// What enters a step: an input at its ends (held: at the beginning), a delayed one at three stages, with slopes where
-/// the delay is estimated.
+/// the delay is estimated; then the constant.
 pub(super) fn step_terms(layout: &Layout, part: &Part, (held, per): (&[bool], usize), table: &DriveTable) -> Vec<Term> {
     let (width, delays) = (layout.drive(), layout.delayed.len());
     let mut terms = Vec::new();
@@ -232,10 +138,11 @@ pub(super) fn step_terms(layout: &Layout, part: &Part, (held, per): (&[bool], us
             }
         }
     }
+    terms.push(Term { reading: Reading::One, drive: part.drive.len(), weights: [1.0; 3] });
     terms
 }
 
-/// What enters outputs: the drive at the sample, and slopes where delays are estimated.
+/// What enters outputs: the drive at the sample, slopes where delays are estimated, and the constant.
 pub(super) fn output_terms(layout: &Layout, part: &Part) -> Vec<Term> {
     let (mut terms, weights) = (Vec::new(), [1.0, 0.0, 0.0]);
     for (drive, d) in part.output_drive.iter().enumerate() {
@@ -246,5 +153,6 @@ pub(super) fn output_terms(layout: &Layout, part: &Part) -> Vec<Term> {
             terms.push(Term { reading: Reading::Slope(delayed as u32), drive, weights });
         }
     }
+    terms.push(Term { reading: Reading::One, drive: part.output_drive.len(), weights });
     terms
 }

@@ -1,51 +1,15 @@
 //! The one loop that everything spends its time in: rows of lanes from rows of lanes,
-//! `out = sum over j of F_j s_j + sum over j of T_j x_j + sum over m of K_m f_m` ([`LinearMap`]).
+//! `out = sum over j of T_j s_j + sum over m of K_m f_m` ([`LinearMap`]).
 //!
-//! The values x of the states come from a loop of their own, where the lanes hold the states ([`Response`]): it is the same with and
-//! without sensitivities, and so are its bits.
+//! Without sensitivities the lanes hold the states ([`Response`]). Its sums have the same terms in the same order, so that the
+//! response has the same bits with and without its sensitivities.
 
-use super::feed::Feed;
-use fdm_numeric::lanes::{Aligned, Simd};
+use fdm_numeric::lanes::{Aligned, Simd, VECTOR};
 
-/// What moves the rows of some steps: numbers of the feed, and the values of the states before each step, `apart` numbers from step to
-/// step.
-#[derive(Clone, Copy)]
-pub(super) struct Motion<'f> {
-    pub(super) feed: Feed<'f>,
-    /// Where each term stands in a row of the feed.
-    pub(super) places: &'f [u32],
-    pub(super) values: &'f [f64],
-    pub(super) apart: usize,
-}
-
-/// The same of one step.
-#[derive(Clone, Copy)]
-struct Push<'f> {
-    feed: &'f [f64],
-    places: &'f [u32],
-    values: &'f [f64],
-}
-
-impl<'f> Motion<'f> {
-    /// One of the steps, whose map has so many states.
-    #[inline(always)]
-    fn at(&self, k: usize, states: usize) -> Push<'f> {
-        Push { feed: self.feed.row(k), places: self.places, values: &self.values[k * self.apart..][..states] }
-    }
-}
-
-impl Push<'_> {
-    /// A term of the feed.
-    #[inline(always)]
-    fn term(&self, m: usize) -> f64 {
-        self.feed[self.places[m] as usize]
-    }
-}
-
-/// A linear map of the sensitivities of the states, with what drives it.
+/// A linear map of the states and their sensitivities, with what drives it.
 ///
-/// A row holds the derivatives by the parameters; in the lane behind them stays what stands there. The values of the states drive the
-/// derivatives like inputs: the coefficients' derivatives times the states.
+/// A row holds the derivatives by the parameters and then the value itself. The values of the states, which have a lane of
+/// their own, drive the derivatives like inputs: the coefficients' derivatives times the states.
 pub(super) struct LinearMap {
     pub(super) rows: usize,
     pub(super) states: usize,
@@ -53,62 +17,57 @@ pub(super) struct LinearMap {
     pub(super) terms: usize,
     /// Lanes of a row, whole vectors.
     pub(super) width: usize,
-    /// Coefficients of the feed, then of the states' values, then constants, each rows by width.
+    /// The lane of the values.
+    pub(super) lane: usize,
+    /// Coefficients of the feed and then of the states' values, each rows by width.
     pub(super) forcing: Aligned,
     /// Coefficients of the states' rows, states by rows.
     pub(super) flow: Vec<f64>,
 }
 
 impl LinearMap {
-    pub(super) fn new(rows: usize, states: usize, terms: usize, width: usize) -> Self {
-        let forcing = Aligned::new((terms + states + 1) * rows * width);
-        Self { rows, states, terms, width, forcing, flow: vec![0.0; states * rows] }
+    pub(super) fn new(rows: usize, states: usize, terms: usize, (width, lane): (usize, usize)) -> Self {
+        let forcing = Aligned::new((terms + states) * rows * width);
+        Self { rows, states, terms, width, lane, forcing, flow: vec![0.0; states * rows] }
     }
 
-    /// Coefficients in one row of a term of the feed, of a state behind all terms, or the constants behind all states.
+    /// Coefficients of one number of the feed in one row.
     pub(super) fn forcing_of(&mut self, term: usize, row: usize) -> &mut [f64] {
         &mut self.forcing[(term * self.rows + row) * self.width..][..self.width]
     }
 
-    /// Applies a map of states to states again and again: `rows` begins with the states before the first of `count` steps and
-    /// takes those after each, `apart` numbers from step to step.
+    /// Applies a map of states to states again and again: `slots` holds the states before the first of `count` steps and
+    /// takes those after each, `feed` has one row of `terms` numbers for every step.
     #[inline(always)]
-    pub(super) fn march<S: Simd>(&self, simd: S, rows: &mut [f64], apart: usize, motion: Motion<'_>, count: usize) {
+    pub(super) fn march<S: Simd>(&self, simd: S, slots: &mut [f64], feed: &[f64], count: usize) {
         let tallest = if S::F64_LANES >= 8 { 8 } else { 4 };
         // single lanes never make up a row of one or two: the kernels are not even compiled for them
         if const { S::F64_LANES > 1 } && self.rows <= tallest {
             match self.width / S::F64_LANES {
-                1 => return self.march_of::<S, 1>(simd, rows, apart, motion, count),
-                2 => return self.march_of::<S, 2>(simd, rows, apart, motion, count),
+                1 => return self.march_of::<S, 1>(simd, slots, feed, count),
+                2 => return self.march_of::<S, 2>(simd, slots, feed, count),
                 _ => {}
             }
         }
         let size = self.rows * self.width;
         for k in 0..count {
-            let (before, after) = rows[k * apart..].split_at_mut(apart);
-            self.apply(simd, &before[..size], motion.at(k, self.states), &mut after[..size]);
+            let (before, after) = slots[k * size..(k + 2) * size].split_at_mut(size);
+            self.apply(simd, before, &feed[k * self.terms..], after);
         }
     }
 
     #[inline(always)]
-    fn march_of<S: Simd, const C: usize>(
-        &self,
-        simd: S,
-        rows: &mut [f64],
-        apart: usize,
-        motion: Motion<'_>,
-        count: usize,
-    ) {
+    fn march_of<S: Simd, const C: usize>(&self, simd: S, slots: &mut [f64], feed: &[f64], count: usize) {
         match self.rows {
             0 => {}
-            1 => self.march_in_registers::<S, 1, C>(simd, rows, apart, motion, count),
-            2 => self.march_in_registers::<S, 2, C>(simd, rows, apart, motion, count),
-            3 => self.march_in_registers::<S, 3, C>(simd, rows, apart, motion, count),
-            4 => self.march_in_registers::<S, 4, C>(simd, rows, apart, motion, count),
-            5 => self.march_in_registers::<S, 5, C>(simd, rows, apart, motion, count),
-            6 => self.march_in_registers::<S, 6, C>(simd, rows, apart, motion, count),
-            7 => self.march_in_registers::<S, 7, C>(simd, rows, apart, motion, count),
-            _ => self.march_in_registers::<S, 8, C>(simd, rows, apart, motion, count),
+            1 => self.march_in_registers::<S, 1, C>(simd, slots, feed, count),
+            2 => self.march_in_registers::<S, 2, C>(simd, slots, feed, count),
+            3 => self.march_in_registers::<S, 3, C>(simd, slots, feed, count),
+            4 => self.march_in_registers::<S, 4, C>(simd, slots, feed, count),
+            5 => self.march_in_registers::<S, 5, C>(simd, slots, feed, count),
+            6 => self.march_in_registers::<S, 6, C>(simd, slots, feed, count),
+            7 => self.march_in_registers::<S, 7, C>(simd, slots, feed, count),
+            _ => self.march_in_registers::<S, 8, C>(simd, slots, feed, count),
         }
     }
 
@@ -117,36 +76,33 @@ impl LinearMap {
     fn march_in_registers<S: Simd, const R: usize, const C: usize>(
         &self,
         simd: S,
-        rows: &mut [f64],
-        apart: usize,
-        motion: Motion<'_>,
+        slots: &mut [f64],
+        feed: &[f64],
         count: usize,
     ) {
-        let (size, coefficients) = (R * C * S::F64_LANES, self.coefficients::<S, R, C>());
+        let (size, terms, coefficients) = (R * C * S::F64_LANES, self.terms, self.coefficients::<S, R, C>());
         for k in 0..count {
-            let (before, after) = rows[k * apart..].split_at_mut(apart);
-            let sum = coefficients.sums(simd, &before[..size], motion.at(k, R));
-            put(sum, S::as_mut_simd_f64s(&mut after[..size]).0);
+            let (before, after) = slots[k * size..(k + 2) * size].split_at_mut(size);
+            let sum = coefficients.sums(simd, R, before, &feed[k * terms..][..terms]);
+            put(sum, S::as_mut_simd_f64s(after).0);
         }
     }
 
-    /// Applies a map to the states of `count` samples; the rows that it gives stand behind theirs. From sample to sample it is `apart`
-    /// numbers.
+    /// Applies a map to `count` slots of states, one row of the feed and one block of rows of `out` for each.
     #[inline(always)]
-    pub(super) fn sweep<S: Simd>(&self, simd: S, rows: &mut [f64], apart: usize, motion: Motion<'_>, count: usize) {
+    pub(super) fn sweep<S: Simd>(&self, simd: S, slots: &[f64], feed: &[f64], out: &mut [f64], count: usize) {
         if const { S::F64_LANES > 1 } {
             match (self.rows, self.width / S::F64_LANES) {
-                (1, 1) => return self.sweep_in_registers::<S, 1, 1>(simd, rows, apart, motion, count),
-                (1, 2) => return self.sweep_in_registers::<S, 1, 2>(simd, rows, apart, motion, count),
-                (2, 1) => return self.sweep_in_registers::<S, 2, 1>(simd, rows, apart, motion, count),
-                (2, 2) => return self.sweep_in_registers::<S, 2, 2>(simd, rows, apart, motion, count),
+                (1, 1) => return self.sweep_in_registers::<S, 1, 1>(simd, slots, feed, out, count),
+                (1, 2) => return self.sweep_in_registers::<S, 1, 2>(simd, slots, feed, out, count),
+                (2, 1) => return self.sweep_in_registers::<S, 2, 1>(simd, slots, feed, out, count),
+                (2, 2) => return self.sweep_in_registers::<S, 2, 2>(simd, slots, feed, out, count),
                 _ => {}
             }
         }
-        let (size, own) = (self.states * self.width, self.rows * self.width);
+        let (size, rows) = (self.states * self.width, self.rows * self.width);
         for k in 0..count {
-            let (states, out) = rows[k * apart..][..size + own].split_at_mut(size);
-            self.apply(simd, states, motion.at(k, self.states), out);
+            self.apply(simd, &slots[k * size..][..size], &feed[k * self.terms..], &mut out[k * rows..][..rows]);
         }
     }
 
@@ -154,17 +110,17 @@ impl LinearMap {
     fn sweep_in_registers<S: Simd, const R: usize, const C: usize>(
         &self,
         simd: S,
-        rows: &mut [f64],
-        apart: usize,
-        motion: Motion<'_>,
+        slots: &[f64],
+        feed: &[f64],
+        out: &mut [f64],
         count: usize,
     ) {
-        let (width, states) = (C * S::F64_LANES, self.states);
+        let (width, terms, states) = (C * S::F64_LANES, self.terms, self.states);
         let (size, coefficients) = (states * width, self.coefficients::<S, R, C>());
         for k in 0..count {
-            let (before, out) = rows[k * apart..][..size + R * width].split_at_mut(size);
-            let sum = coefficients.sums(simd, before, motion.at(k, states));
-            put(sum, S::as_mut_simd_f64s(out).0);
+            let (before, feed) = (&slots[k * size..][..size], &feed[k * terms..][..terms]);
+            let sum = coefficients.sums(simd, states, before, feed);
+            put(sum, S::as_mut_simd_f64s(&mut out[k * R * width..][..R * width]).0);
         }
     }
 
@@ -173,13 +129,13 @@ impl LinearMap {
     fn coefficients<S: Simd, const R: usize, const C: usize>(&self) -> Coefficients<'_, S, R, C> {
         let forcing = S::as_simd_f64s(&self.forcing).0.as_chunks::<C>().0.as_chunks::<R>().0;
         let (by_feed, by_state) = forcing.split_at(self.terms);
-        let (by_state, constant) = by_state.split_at(self.states);
-        Coefficients { by_feed, by_state, constant: &constant[0], flow: self.flow.as_chunks().0 }
+        let lane = self.lane.min(C * S::F64_LANES - 1);
+        Coefficients { by_feed, by_state, flow: self.flow.as_chunks().0, lane }
     }
 
-    /// Applies the map to states (rows of lanes), their values and the feed.
+    /// Applies the map to states (rows of lanes) and feed.
     #[inline(always)]
-    fn apply<S: Simd>(&self, simd: S, s: &[f64], push: Push<'_>, out: &mut [f64]) {
+    pub(super) fn apply<S: Simd>(&self, simd: S, s: &[f64], feed: &[f64], out: &mut [f64]) {
         let across = self.width / S::F64_LANES;
         let tallest = if S::F64_LANES >= 8 { 8 } else { 4 };
         let mut row = 0;
@@ -189,8 +145,8 @@ impl LinearMap {
             while vector < across {
                 let wide = (across - vector).min(2);
                 match wide {
-                    1 => self.tiles::<S, 1>(simd, (row, rows), vector, s, push, out),
-                    _ => self.tiles::<S, 2>(simd, (row, rows), vector, s, push, out),
+                    1 => self.tiles::<S, 1>(simd, (row, rows), vector, s, feed, out),
+                    _ => self.tiles::<S, 2>(simd, (row, rows), vector, s, feed, out),
                 }
                 vector += wide;
             }
@@ -205,18 +161,18 @@ impl LinearMap {
         (row, rows): (usize, usize),
         vector: usize,
         s: &[f64],
-        push: Push<'_>,
+        feed: &[f64],
         out: &mut [f64],
     ) {
         match rows {
-            1 => self.tile::<S, 1, C>(simd, row, vector, s, push, out),
-            2 => self.tile::<S, 2, C>(simd, row, vector, s, push, out),
-            3 => self.tile::<S, 3, C>(simd, row, vector, s, push, out),
-            4 => self.tile::<S, 4, C>(simd, row, vector, s, push, out),
-            5 => self.tile::<S, 5, C>(simd, row, vector, s, push, out),
-            6 => self.tile::<S, 6, C>(simd, row, vector, s, push, out),
-            7 => self.tile::<S, 7, C>(simd, row, vector, s, push, out),
-            _ => self.tile::<S, 8, C>(simd, row, vector, s, push, out),
+            1 => self.tile::<S, 1, C>(simd, row, vector, s, feed, out),
+            2 => self.tile::<S, 2, C>(simd, row, vector, s, feed, out),
+            3 => self.tile::<S, 3, C>(simd, row, vector, s, feed, out),
+            4 => self.tile::<S, 4, C>(simd, row, vector, s, feed, out),
+            5 => self.tile::<S, 5, C>(simd, row, vector, s, feed, out),
+            6 => self.tile::<S, 6, C>(simd, row, vector, s, feed, out),
+            7 => self.tile::<S, 7, C>(simd, row, vector, s, feed, out),
+            _ => self.tile::<S, 8, C>(simd, row, vector, s, feed, out),
         }
     }
 
@@ -228,25 +184,22 @@ impl LinearMap {
         row: usize,
         vector: usize,
         s: &[f64],
-        push: Push<'_>,
+        feed: &[f64],
         out: &mut [f64],
     ) {
         let (width, across) = (self.width, self.width / S::F64_LANES);
+        let mut sum = [[simd.splat_f64s(0.0); C]; R];
         let s = &s[..self.states * width];
         let vectors = S::as_simd_f64s(s).0;
         let forcing = S::as_simd_f64s(&self.forcing).0;
-        let (block, first) = (self.rows * across, row * across + vector);
-        let (by_feed, by_state) = forcing.split_at(self.terms * block);
-        let (by_state, constant) = by_state.split_at(self.states * block);
-        let mut sum = [[simd.splat_f64s(0.0); C]; R];
-        for (r, sum) in sum.iter_mut().enumerate() {
-            sum.copy_from_slice(&constant[first + r * across..][..C]);
-        }
+        let (by_feed, by_state) = forcing.split_at(self.terms * self.rows * across);
+        let block = self.rows * across;
+        let first = row * across + vector;
         for m in 0..self.terms {
-            add::<S, R, C>(simd, push.term(m), &by_feed[m * block + first..], across, &mut sum);
+            add::<S, R, C>(simd, feed[m], &by_feed[m * block + first..], across, &mut sum);
         }
         for j in 0..self.states {
-            add::<S, R, C>(simd, push.values[j], &by_state[j * block + first..], across, &mut sum);
+            add::<S, R, C>(simd, s[j * width + self.lane], &by_state[j * block + first..], across, &mut sum);
         }
         for j in 0..self.states {
             let (x, factors) = (&vectors[j * across + vector..][..C], &self.flow[j * self.rows + row..][..R]);
@@ -270,22 +223,24 @@ impl LinearMap {
 struct Coefficients<'m, S: Simd, const R: usize, const C: usize> {
     by_feed: &'m [[[S::f64s; C]; R]],
     by_state: &'m [[[S::f64s; C]; R]],
-    constant: &'m [[S::f64s; C]; R],
     flow: &'m [[f64; R]],
+    lane: usize,
 }
 
 impl<S: Simd, const R: usize, const C: usize> Coefficients<'_, S, R, C> {
     /// All rows.
     #[inline(always)]
-    fn sums(&self, simd: S, before: &[f64], push: Push<'_>) -> [[S::f64s; C]; R] {
-        let (x, states) = (S::as_simd_f64s(before).0.as_chunks::<C>().0, push.values.len());
-        let (by_state, flow, x) = (&self.by_state[..states], &self.flow[..states], &x[..states]);
-        let mut sum = *self.constant;
-        for (m, k) in self.by_feed.iter().enumerate() {
-            axpy(simd, push.term(m), k, &mut sum);
+    fn sums(&self, simd: S, states: usize, before: &[f64], feed: &[f64]) -> [[S::f64s; C]; R] {
+        let width = C * S::F64_LANES;
+        let (before, x) = (&before[..states * width], S::as_simd_f64s(before).0.as_chunks::<C>().0);
+        let (by_feed, by_state) = (&self.by_feed[..feed.len()], &self.by_state[..states]);
+        let (flow, x) = (&self.flow[..states], &x[..states]);
+        let mut sum = [[simd.splat_f64s(0.0); C]; R];
+        for m in 0..feed.len() {
+            axpy(simd, feed[m], &by_feed[m], &mut sum);
         }
         for j in 0..states {
-            axpy(simd, push.values[j], &by_state[j], &mut sum);
+            axpy(simd, before[j * width + self.lane], &by_state[j], &mut sum);
         }
         for j in 0..states {
             for r in 0..R {
@@ -336,5 +291,167 @@ fn add<S: Simd, const R: usize, const C: usize>(
         for c in 0..C {
             sum[r][c] = simd.mul_add_f64s(f, k[r * across + c], sum[r][c]);
         }
+    }
+}
+
+/// Steps for which a column of the feed's coefficients is read once.
+const TOGETHER: usize = 4;
+
+/// The maps of one subsystem to its states or its outputs, columns of their matrices in lanes.
+pub(super) struct Response {
+    rows: usize,
+    states: usize,
+    /// Lanes of the rows, whole vectors.
+    pub(super) width: usize,
+    /// For each length of a step the coefficients of the feed and then of the states, by width.
+    columns: Vec<Aligned>,
+}
+
+impl Response {
+    pub(super) fn new(rows: usize, states: usize, terms: usize, kinds: usize) -> Self {
+        let width = rows.next_multiple_of(VECTOR);
+        let columns = (0..kinds).map(|_| Aligned::new((terms + states) * width)).collect();
+        Self { rows, states, width, columns }
+    }
+
+    /// Takes over the coefficients of one length.
+    pub(super) fn fill(&mut self, kind: usize, map: &mut LinearMap) {
+        let (rows, states, width, lane, terms) = (self.rows, self.states, self.width, map.lane, map.terms);
+        let columns = &mut self.columns[kind];
+        for i in 0..rows {
+            for m in 0..terms {
+                columns[m * width + i] = map.forcing_of(m, i)[lane];
+            }
+            for j in 0..states {
+                columns[(terms + j) * width + i] = map.flow[j * rows + i];
+            }
+        }
+    }
+
+    /// What the feed gives to steps of one length, as the beginning of their sums: `after` takes the states after each, `feed` has one
+    /// row of `terms` numbers for every step.
+    #[inline(always)]
+    #[allow(
+        clippy::needless_range_loop,
+        reason = "several slices walk together, and plain loops keep the wide registers"
+    )]
+    pub(super) fn begin<S: Simd>(
+        &self,
+        simd: S,
+        kind: usize,
+        after: &mut [f64],
+        (feed, terms): (&[f64], usize),
+        count: usize,
+    ) {
+        let across = self.width / S::F64_LANES;
+        let columns = S::as_simd_f64s(&self.columns[kind]).0;
+        let columns = &columns[..terms * across];
+        let after = &mut S::as_mut_simd_f64s(after).0[..count * across];
+        let mut k = 0;
+        // a column is read once for some steps
+        while k + TOGETHER <= count {
+            let feed = &feed[k * terms..(k + TOGETHER) * terms];
+            for v in 0..across {
+                let mut sum = [simd.splat_f64s(0.0); TOGETHER];
+                for m in 0..terms {
+                    let column = columns[m * across + v];
+                    for t in 0..TOGETHER {
+                        sum[t] = simd.mul_add_f64s(simd.splat_f64s(feed[t * terms + m]), column, sum[t]);
+                    }
+                }
+                for t in 0..TOGETHER {
+                    after[(k + t) * across + v] = sum[t];
+                }
+            }
+            k += TOGETHER;
+        }
+        for k in k..count {
+            for v in 0..across {
+                let mut sum = simd.splat_f64s(0.0);
+                for m in 0..terms {
+                    sum = simd.mul_add_f64s(simd.splat_f64s(feed[k * terms + m]), columns[m * across + v], sum);
+                }
+                after[k * across + v] = sum;
+            }
+        }
+    }
+
+    /// One of the steps that have begun: the states before it, and the beginning of those after it, stand in `slots`.
+    #[inline(always)]
+    #[allow(
+        clippy::needless_range_loop,
+        reason = "several slices walk together, and plain loops keep the wide registers"
+    )]
+    pub(super) fn step<S: Simd>(&self, simd: S, kind: usize, slots: &mut [f64], terms: usize) {
+        if self.width == S::F64_LANES {
+            return match self.states {
+                1 => self.vector::<S, 1>(simd, kind, slots, terms),
+                2 => self.vector::<S, 2>(simd, kind, slots, terms),
+                3 => self.vector::<S, 3>(simd, kind, slots, terms),
+                4 => self.vector::<S, 4>(simd, kind, slots, terms),
+                5 => self.vector::<S, 5>(simd, kind, slots, terms),
+                6 => self.vector::<S, 6>(simd, kind, slots, terms),
+                7 => self.vector::<S, 7>(simd, kind, slots, terms),
+                _ => self.vector::<S, 8>(simd, kind, slots, terms),
+            };
+        }
+        let across = self.width / S::F64_LANES;
+        let (before, after) = slots.split_at_mut(self.width);
+        let by_state = &S::as_simd_f64s(&self.columns[kind]).0[terms * across..][..self.states * across];
+        let (before, after) = (&before[..self.states], &mut S::as_mut_simd_f64s(after).0[..across]);
+        for v in 0..across {
+            let mut sum = after[v];
+            for j in 0..before.len() {
+                sum = simd.mul_add_f64s(simd.splat_f64s(before[j]), by_state[j * across + v], sum);
+            }
+            after[v] = sum;
+        }
+    }
+
+    /// Rows of outputs (`count` by lanes) of states that stand `apart` numbers from sample to sample, where the feed has begun their sums.
+    #[inline(always)]
+    #[allow(
+        clippy::needless_range_loop,
+        reason = "several slices walk together, and plain loops keep the wide registers"
+    )]
+    pub(super) fn observe<S: Simd>(
+        &self,
+        simd: S,
+        (slots, apart): (&[f64], usize),
+        terms: usize,
+        out: &mut [f64],
+        count: usize,
+    ) {
+        let across = self.width / S::F64_LANES;
+        let by_state = &S::as_simd_f64s(&self.columns[0]).0[terms * across..][..self.states * across];
+        let out = &mut S::as_mut_simd_f64s(out).0[..count * across];
+        for k in 0..count {
+            let x = &slots[k * apart..][..self.states];
+            for v in 0..across {
+                let mut sum = out[k * across + v];
+                for j in 0..x.len() {
+                    sum = simd.mul_add_f64s(simd.splat_f64s(x[j]), by_state[j * across + v], sum);
+                }
+                out[k * across + v] = sum;
+            }
+        }
+    }
+
+    /// A step of N states in one vector.
+    #[inline(always)]
+    #[allow(
+        clippy::needless_range_loop,
+        reason = "several slices walk together, and plain loops keep the wide registers"
+    )]
+    fn vector<S: Simd, const N: usize>(&self, simd: S, kind: usize, slots: &mut [f64], terms: usize) {
+        let (before, after) = slots.split_at_mut(VECTOR);
+        let by_state = S::as_simd_f64s(&self.columns[kind]).0[terms..].first_chunk::<N>();
+        let (Some(by_state), Some(before)) = (by_state, before.first_chunk::<N>()) else { return };
+        let after = S::as_mut_simd_f64s(after).0;
+        let mut sum = after[0];
+        for j in 0..N {
+            sum = simd.mul_add_f64s(simd.splat_f64s(before[j]), by_state[j], sum);
+        }
+        after[0] = sum;
     }
 }

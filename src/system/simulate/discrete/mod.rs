@@ -3,20 +3,17 @@
 //! For models whose rates are affine in states and inputs, with coefficients of parameters alone, and runs of few different sampling
 //! intervals. Whether a model is linear is not decided by numbers: `fdm_grammar::schedule::Affine` has proven it.
 //!
-//! The values of the states are a recursion of their own. The derivatives of a state by the parameters of its subsystem are one row of
-//! lanes; the values drive them through the derivatives of F. Subsystems that do not influence each other are separate, so that their
-//! rows are short.
+//! A state and its derivatives by the parameters of its subsystem are one row of lanes; the state drives its derivatives
+//! through the derivatives of F. Subsystems that do not influence each other are separate, so that their rows are short.
 
 mod equations;
 mod feed;
 mod map;
-mod response;
 mod subsystem;
-#[cfg(test)]
-mod tests;
 mod transition;
 
-use super::blocks::{Gathering, OutputRow, RowLayout, Sink};
+use super::blocks::{Gathering, RowLayout, Sink};
+use super::drive::DriveTable;
 use super::error::Divergence;
 use super::observation::Observation;
 use super::trajectory::Trajectory;
@@ -24,10 +21,7 @@ use crate::dynamics::Layout;
 use equations::{Equations, Part, partition};
 use fdm_grammar::graph::Signal;
 use fdm_numeric::lanes::{Aligned, Simd, VECTOR, WithSimd, copy_vectors, dispatch};
-use feed::Readings;
-use response::Values;
-use std::ops::Range;
-use subsystem::{Counts, Subsystem, steps_of_a_block};
+use subsystem::{Subsystem, steps_of_a_block};
 
 pub(super) use transition::Intervals;
 pub(super) use transition::Method;
@@ -109,16 +103,10 @@ pub(super) struct Discrete {
     subsystems: Vec<Subsystem>,
     general: Option<General>,
     gathering: Gathering,
-    /// Whether the states' rows go to the places that are handed over as soon as they are computed.
-    in_place: bool,
-    /// Rows that stand a second time in another output's place: from, to, width.
-    twins: Vec<(usize, usize, usize)>,
-    values: Values,
-    /// What drives a block of steps, where it must be gathered.
-    feed: Vec<f64>,
-    output_feed: Vec<f64>,
-    /// Values of the states at the beginning of a block, to find a divergence in it.
-    before: Vec<f64>,
+    /// Rows of outputs that are not states.
+    rows: Aligned,
+    /// States at the beginning of a block, to find a divergence in it.
+    before: Vec<Vec<f64>>,
 }
 
 impl Discrete {
@@ -130,15 +118,11 @@ impl Discrete {
             assert!(layout.stage.lane[*k].is_some(), "parameter {k} is fixed in the model: it has no derivatives");
         }
         let (held, linear) = (&trajectory.run.held, observed(layout));
-        let per = trajectory.grid.per_interval().unwrap_or(1);
-        let in_place = linear && per == 1;
-        let steps = steps_of_a_block(layout.states * (columns.len() + 1).next_multiple_of(VECTOR));
-        // steps between samples are taken a block at a time
-        let kept = if columns.is_empty() || in_place { 0 } else { per.min(steps) };
-        let counts = Counts { kinds: intervals.lengths.len(), per, kept };
+        let block = steps_of_a_block(layout.states * (columns.len() + 1).next_multiple_of(VECTOR));
+        let kinds = (intervals.lengths.len(), trajectory.grid.per_interval().unwrap_or(1), block);
         let parts = partition(layout, linear).into_iter();
-        let mut subsystems: Vec<_> =
-            parts.map(|part| Subsystem::new(layout, part, columns, held, counts, &trajectory.drive)).collect();
+        let subsystems: Vec<_> =
+            parts.map(|part| Subsystem::new(layout, part, columns, held, kinds, &trajectory.drive)).collect();
         let general = (!linear).then(|| General {
             observation: Observation::new(layout, columns),
             s: Aligned::new(layout.states * layout.stage.lanes),
@@ -146,28 +130,22 @@ impl Discrete {
             lane_of: subsystems.iter().map(|s| lanes_of(layout, s)).collect(),
             rows: vec![0.0; layout.outputs * columns.len().next_multiple_of(VECTOR)],
         });
-        let (gathering, twins) = if linear {
-            let (rows, twins) = arrange(&mut subsystems, layout.outputs);
-            (Gathering::continued(rows), twins)
+        let rows = if linear {
+            RowLayout::new((0..layout.outputs).map(|o| columns_of(&subsystems, o)))
         } else {
-            (Gathering::new(RowLayout::full(layout.outputs, columns.len())), Vec::new())
+            RowLayout::full(layout.outputs, columns.len())
         };
-        let block = if in_place { gathering.capacity() } else { steps };
-        let values = values_of(&mut subsystems, counts.kinds, block, if linear { layout.outputs } else { 0 });
+        let longest = subsystems.iter().map(|s| s.part.outputs.len() * s.width).max().unwrap_or(0);
         Self {
             columns: columns.to_vec(),
             method,
             block,
             equations: Equations::new(layout),
-            before: values.states().to_vec(),
-            feed: vec![0.0; block * values.steps.gathered()],
-            output_feed: vec![0.0; (block + 1) * values.samples.gathered()],
+            before: subsystems.iter().map(|s| s.states().to_vec()).collect(),
             subsystems,
             general,
-            gathering,
-            in_place,
-            twins,
-            values,
+            gathering: Gathering::new(rows),
+            rows: Aligned::new((block + 1) * longest),
         }
     }
 
@@ -191,11 +169,17 @@ impl Discrete {
 
     /// The first step of a block after which a state is not finite.
     #[cold]
-    fn divergence(&mut self, trajectory: &Trajectory<'_>, intervals: &Intervals, steps: Range<usize>) -> Divergence {
-        self.values.restore(&self.before);
+    fn divergence(
+        &mut self,
+        trajectory: &Trajectory<'_>,
+        intervals: &Intervals,
+        steps: std::ops::Range<usize>,
+    ) -> Divergence {
+        self.subsystems.iter_mut().zip(&self.before).for_each(|(s, before)| s.restore(before));
         for k in steps.clone() {
-            let feed = self.values.steps.of_steps(&trajectory.drive, k..k + 1, &mut self.feed);
-            self.values.advance(feed, (intervals, k..k + 1), &mut []);
+            for subsystem in &mut self.subsystems {
+                dispatch(Single { subsystem, trajectory, intervals, k });
+            }
             if let Some(state) = self.first_not_finite() {
                 let (t, h) = trajectory.grid.step(k);
                 let sample = k / trajectory.grid.per_interval().unwrap_or(1);
@@ -213,13 +197,9 @@ impl Discrete {
 
     /// The first state, if any, that is not finite; none of them (but `Some`) when a sensitivity is not.
     fn first_not_finite(&self) -> Option<Option<usize>> {
-        let present = self.values.states();
-        if present.iter().all(|x| x.is_finite()) {
-            return None;
-        }
         let values = |s: &Subsystem| {
-            let states = s.part.states.iter().zip(&present[s.lane..]);
-            states.filter(|(_, value)| !value.is_finite()).map(|(state, _)| *state).min()
+            let states = s.part.states.iter().enumerate();
+            states.filter(|(i, _)| !s.value(s.present(), *i).is_finite()).map(|(_, state)| *state).min()
         };
         if let Some(state) = self.subsystems.iter().filter_map(values).min() {
             return Some(Some(state));
@@ -228,52 +208,148 @@ impl Discrete {
     }
 }
 
-/// Rows of a sample: for each subsystem those of its states and of its other outputs. An output that shows a state has that state's row
-/// for its own; whoever shows it too has another.
-fn arrange(subsystems: &mut [Subsystem], outputs: usize) -> (RowLayout, Vec<(usize, usize, usize)>) {
-    let mut layout =
-        RowLayout { outputs: vec![OutputRow { start: 0, width: 0, columns: Vec::new() }; outputs], length: 0 };
-    let mut twins = Vec::new();
-    for subsystem in subsystems {
-        subsystem.start = layout.length;
-        let (part, width) = (&subsystem.part, subsystem.width);
-        let columns: Vec<u32> = subsystem.columns.iter().map(|(c, _)| *c).collect();
-        layout.length += (part.states.len() + part.outputs.len()) * width;
-        let row = |start: usize| OutputRow { start, width, columns: columns.clone() };
-        for (k, output) in part.outputs.iter().enumerate() {
-            layout.outputs[*output] = row(subsystem.start + (part.states.len() + k) * width);
-        }
-        for (k, (output, state)) in part.shown.iter().enumerate() {
-            let own = subsystem.start + state * width;
-            let again = part.shown[..k].iter().any(|(_, shown)| shown == state);
-            if again {
-                twins.push((own, layout.length, width));
-                layout.length += width;
-            }
-            layout.outputs[*output] = row(if again { layout.length - width } else { own });
-        }
-    }
-    (layout, twins)
+/// The columns that a linear output can depend on.
+fn columns_of(subsystems: &[Subsystem], output: usize) -> Vec<u32> {
+    let has = |s: &&Subsystem| s.part.outputs.contains(&output) || s.part.shown.iter().any(|(o, _)| *o == output);
+    subsystems.iter().find(has).map_or_else(Vec::new, |s| s.columns.iter().map(|(c, _)| *c).collect())
 }
 
 fn lanes_of(layout: &Layout, subsystem: &Subsystem) -> Vec<usize> {
     subsystem.columns.iter().filter_map(|(_, k)| layout.stage.lane[*k]).map(|lane| lane as usize).collect()
 }
 
-/// The values of all states, and of so many outputs.
-fn values_of(subsystems: &mut [Subsystem], kinds: usize, block: usize, outputs: usize) -> Values {
-    let steps = Readings::of(subsystems.iter().flat_map(|s| &s.terms), false);
-    let samples = Readings::of(subsystems.iter().flat_map(|s| &s.output_terms), true);
-    let mut values = Values::new(steps, samples);
-    let (mut shown, mut others) = (vec![0; outputs], Vec::new());
-    for subsystem in subsystems {
-        subsystem.take_place(&mut values);
-        subsystem.part.shown.iter().for_each(|(output, state)| shown[*output] = (subsystem.lane + state) as u32);
-        let lanes = subsystem.part.outputs.iter().zip(subsystem.output_lane..);
-        others.extend(lanes.map(|(output, lane)| (*output as u32, lane as u32)));
+/// One step of one subsystem.
+struct Single<'m, 'a> {
+    subsystem: &'m mut Subsystem,
+    trajectory: &'m Trajectory<'a>,
+    intervals: &'m Intervals,
+    k: usize,
+}
+
+impl WithSimd for Single<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        self.subsystem.advance(simd, &self.trajectory.drive, self.intervals, self.k..self.k + 1);
     }
-    values.set_up(kinds, block, shown, others);
-    values
+}
+
+/// Some steps of the response alone, as long as an interval: the chains of the subsystems, each of which waits for itself,
+/// advance together.
+#[inline(always)]
+fn respond<S: Simd>(
+    simd: S,
+    subsystems: &mut [Subsystem],
+    trajectory: &Trajectory<'_>,
+    intervals: &Intervals,
+    steps: std::ops::Range<usize>,
+) {
+    // no closure: it would not have the processor's features that the loop is compiled for
+    for subsystem in subsystems.iter_mut() {
+        subsystem.begin(simd, &trajectory.drive, intervals, steps.clone());
+    }
+    for (k, step) in steps.enumerate() {
+        let kind = intervals.of_step(step);
+        for subsystem in subsystems.iter_mut() {
+            subsystem.respond(simd, kind, k);
+        }
+    }
+}
+
+/// Where outputs and rows of some samples are written.
+struct Place<'p> {
+    layout: &'p RowLayout,
+    y: &'p mut [f64],
+    rows: &'p mut [f64],
+    /// Rows of outputs that are not states.
+    spare: &'p mut [f64],
+    /// Whether there are no sensitivities to write.
+    bare: bool,
+}
+
+impl Place<'_> {
+    /// One of the samples.
+    fn only(&mut self, at: usize) -> Place<'_> {
+        let (q, length) = (self.layout.outputs.len(), self.layout.length);
+        let (y, rows) = (&mut self.y[at * q..][..q], &mut self.rows[at * length..][..length]);
+        Place { layout: self.layout, y, rows, spare: self.spare, bare: self.bare }
+    }
+
+    /// Outputs that are states, at `count` samples whose states stand in the slots from `slot` on.
+    #[inline(always)]
+    fn show(&mut self, subsystem: &Subsystem, count: usize, slot: usize) {
+        if self.bare {
+            let (q, size, slots) = (self.layout.outputs.len(), subsystem.size(), subsystem.slots_from(slot));
+            for (output, state) in &subsystem.part.shown {
+                let values = slots[*state..].iter().step_by(size.max(1)).take(count);
+                self.y[*output..].iter_mut().step_by(q.max(1)).zip(values).for_each(|(y, x)| *y = *x);
+            }
+            return;
+        }
+        match subsystem.width / VECTOR {
+            1 => self.show_rows::<1>(subsystem, count, slot),
+            2 => self.show_rows::<2>(subsystem, count, slot),
+            3 => self.show_rows::<3>(subsystem, count, slot),
+            _ => self.show_rows::<0>(subsystem, count, slot),
+        }
+    }
+
+    /// The same where a row is so many vectors; any number when it is 0.
+    #[inline(always)]
+    fn show_rows<const VECTORS: usize>(&mut self, subsystem: &Subsystem, count: usize, slot: usize) {
+        let (q, length) = (self.layout.outputs.len(), self.layout.length / VECTOR);
+        let across = if VECTORS > 0 { VECTORS } else { subsystem.width / VECTOR };
+        let size = subsystem.part.states.len() * across;
+        let (lane, slots) = (subsystem.lane.min(across * VECTOR - 1), subsystem.slots_from(slot).as_chunks().0);
+        let rows: &mut [[f64; VECTOR]] = self.rows.as_chunks_mut().0;
+        for (output, state) in &subsystem.part.shown {
+            let start = self.layout.outputs[*output].start / VECTOR;
+            for k in 0..count {
+                let (from, to) = (k * size + state * across, k * length + start);
+                let from = &slots[from..from + across];
+                rows[to..to + across].copy_from_slice(from);
+                self.y[k * q + output] = from[lane / VECTOR][lane % VECTOR];
+            }
+        }
+    }
+
+    /// Other linear outputs, at some samples; the first of them stands at `at`.
+    #[inline(always)]
+    fn observe<S: Simd>(
+        &mut self,
+        simd: S,
+        subsystem: &mut Subsystem,
+        drive: &DriveTable,
+        samples: std::ops::Range<usize>,
+        slot: usize,
+    ) {
+        let outputs = subsystem.part.outputs.len();
+        if outputs == 0 {
+            return;
+        }
+        let (q, length, count) = (self.layout.outputs.len(), self.layout.length, samples.len());
+        subsystem.observe(simd, drive, (samples, slot), self.spare);
+        if self.bare {
+            let lanes = subsystem.output_lanes();
+            for at in 0..count {
+                let values = &self.spare[at * lanes..][..outputs];
+                for (output, value) in subsystem.part.outputs.iter().zip(values) {
+                    self.y[at * q + output] = *value;
+                }
+            }
+            return;
+        }
+        let (lane, width) = (subsystem.lane, subsystem.width);
+        for at in 0..count {
+            let rows = self.spare[at * outputs * width..].chunks_exact(width);
+            for (output, row) in subsystem.part.outputs.iter().zip(rows) {
+                self.y[at * q + output] = row[lane];
+                let start = self.layout.outputs[*output].start;
+                copy_vectors(row, &mut self.rows[at * length + start..][..width]);
+            }
+        }
+    }
 }
 
 /// The loop over the samples, compiled for the machine's widest registers.
@@ -291,11 +367,9 @@ impl WithSimd for March<'_, '_> {
     fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
         let Self { recursion, trajectory, intervals, sink } = self;
         let layout = trajectory.dynamics.layout();
-        recursion.values.begin();
         for subsystem in &mut recursion.subsystems {
             let how = (recursion.method, &intervals.lengths[..]);
-            let given = (&trajectory.known[..], &trajectory.drive);
-            subsystem.prepare(layout, &recursion.equations, given, how, &mut recursion.values);
+            subsystem.prepare(layout, &recursion.equations, (&trajectory.known, &trajectory.drive), how);
         }
         let (samples, per) = (trajectory.run.len(), trajectory.grid.per_interval().unwrap_or(1));
         let mut first = 0;
@@ -329,78 +403,42 @@ impl Discrete {
         (first, most): (usize, usize),
     ) -> usize {
         let per = trajectory.grid.per_interval().unwrap_or(1);
-        let Self { block, subsystems, general, gathering, values, feed: room, output_feed, before, in_place, .. } =
-            self;
-        let drive = &trajectory.drive;
+        let Self { columns, block, subsystems, gathering, rows: spare, before, .. } = self;
         let (layout, y, rows, count) = gathering.several(most);
-        let (outputs, length) = (layout.outputs.len(), layout.length);
-        before.copy_from_slice(values.states());
-        // no closures: they would not have the processor's features that the loops are compiled for
-        if *in_place {
-            // the first sample has no step before it
-            let (steps, after) = (first.saturating_sub(1)..first + count - 1, usize::from(first > 0));
-            if first == 0 {
-                values.show(&mut y[..outputs]);
-            }
-            let feed = values.steps.of_steps(drive, steps.clone(), room);
-            values.advance(feed, (intervals, steps.clone()), &mut y[(1 - after) * outputs..]);
-            let observed = values.samples.of_samples(drive, first..first + count, output_feed);
-            values.observe(observed, after, y);
-            for subsystem in subsystems.iter().filter(|s| !s.columns.is_empty()) {
-                let rows = &mut rows[subsystem.start..];
-                if first == 0 {
-                    copy_vectors(subsystem.rows(), &mut rows[length..][..subsystem.size()]);
+        let (bare, after) = (columns.is_empty(), usize::from(first > 0));
+        let mut place = Place { layout, y, rows, spare, bare };
+        subsystems.iter().zip(before).for_each(|(subsystem, before)| before.copy_from_slice(subsystem.states()));
+        if per == 1 {
+            let steps = first.saturating_sub(1)..first + count - 1;
+            if bare {
+                respond(simd, subsystems, trajectory, intervals, steps);
+            } else {
+                // no closure: it would not have the processor's features that the loop is compiled for
+                for subsystem in subsystems.iter_mut() {
+                    subsystem.advance(simd, &trajectory.drive, intervals, steps.clone());
                 }
-                subsystem.march(
-                    simd,
-                    (feed, values),
-                    (intervals, steps.clone()),
-                    (&mut rows[(1 - after) * length..], length),
-                );
-                subsystem.observe(simd, (observed, values, after), (&mut rows[length..], length), count);
             }
-            self.copy_twins(count);
+            for subsystem in subsystems {
+                place.show(subsystem, count, after);
+                place.observe(simd, subsystem, &trajectory.drive, first..first + count, after);
+            }
             return count;
         }
-        for at in 0..count {
-            let sample = first + at;
-            let (mut from, end) = (sample.saturating_sub(1) * per, sample * per);
-            while from < end {
-                let to = end.min(from + *block);
-                let feed = values.steps.of_steps(drive, from..to, room);
-                values.advance(feed, (intervals, from..to), &mut []);
-                for subsystem in subsystems.iter_mut().filter(|s| !s.columns.is_empty()) {
-                    subsystem.march_here(simd, (feed, values), (intervals, from..to));
+        for subsystem in subsystems {
+            for at in 0..count {
+                let sample = first + at;
+                let (mut from, end) = (sample.saturating_sub(1) * per, sample * per);
+                while from < end {
+                    let to = end.min(from + *block);
+                    subsystem.advance(simd, &trajectory.drive, intervals, from..to);
+                    from = to;
                 }
-                from = to;
-            }
-            if general.is_some() {
-                continue;
-            }
-            let (y, present) = (&mut y[at * outputs..][..outputs], values.present());
-            let observed = values.samples.of_samples(drive, sample..sample + 1, output_feed);
-            values.show(y);
-            values.observe(observed, present, y);
-            for subsystem in subsystems.iter().filter(|s| !s.columns.is_empty()) {
-                let rows = &mut rows[(at + 1) * length + subsystem.start..];
-                copy_vectors(subsystem.rows(), &mut rows[..subsystem.size()]);
-                subsystem.observe(simd, (observed, values, present), (rows, length), 1);
+                let mut place = place.only(at);
+                place.show(subsystem, 1, subsystem.present());
+                place.observe(simd, subsystem, &trajectory.drive, sample..sample + 1, subsystem.present());
             }
         }
-        self.copy_twins(count);
         count
-    }
-
-    /// Writes rows a second time that two outputs have in common.
-    fn copy_twins(&mut self, count: usize) {
-        let Self { gathering, twins, .. } = self;
-        if twins.is_empty() {
-            return;
-        }
-        let (layout, _, rows, _) = gathering.several(count);
-        for row in rows.chunks_exact_mut(layout.length).skip(1) {
-            twins.iter().for_each(|(from, to, width)| row.copy_within(*from..from + width, *to));
-        }
     }
 
     /// Outputs of the samples whose rows have been written; general ones with their rows.
@@ -425,13 +463,14 @@ impl Discrete {
     }
 
     fn observe_in_general(&mut self, trajectory: &mut Trajectory<'_>, sample: usize) -> Result<(), Divergence> {
-        let Self { subsystems, general: Some(general), gathering, values, .. } = self else { return Ok(()) };
+        let Self { subsystems, general: Some(general), gathering, .. } = self else { return Ok(()) };
         general.s.fill(0.0);
         for (subsystem, lane_of) in subsystems.iter().zip(&general.lane_of) {
-            for (state, value) in subsystem.part.states.iter().zip(&values.states()[subsystem.lane..]) {
-                trajectory.nodes[0][*state] = *value;
+            let present = subsystem.present();
+            for (i, state) in subsystem.part.states.iter().enumerate() {
+                trajectory.nodes[0][*state] = subsystem.value(present, i);
             }
-            let rows = subsystem.rows().chunks_exact(subsystem.width);
+            let rows = subsystem.states().chunks_exact(subsystem.width);
             for (state, row) in subsystem.part.states.iter().zip(rows).filter(|_| !lane_of.is_empty()) {
                 for (lane, value) in lane_of.iter().zip(row) {
                     general.s[state * general.lanes + lane] = *value;

@@ -1,9 +1,8 @@
 //! One subsystem: its coefficients for every length of a step, and its states.
 
 use super::equations::{Equations, Group, Part};
-use super::feed::{Feed, Reading, Term, output_terms, step_terms};
-use super::map::{LinearMap, Motion};
-use super::response::{Response, Values};
+use super::feed::{Reading, Term, gather, gather_samples, output_terms, step_terms};
+use super::map::{LinearMap, Response};
 use super::transition::{Intervals, Jet, Method, Transition};
 use crate::dynamics::Layout;
 use crate::simulate::drive::DriveTable;
@@ -15,23 +14,16 @@ pub(super) fn steps_of_a_block(numbers_per_step: usize) -> usize {
     (8192 / numbers_per_step.max(1)).clamp(16, 64)
 }
 
-/// A subsystem at work: the sensitivities of its states, which stand where they are asked for.
+/// A subsystem at work.
 pub(super) struct Subsystem {
     pub(super) part: Part,
     /// For each lane of a parameter its position among the columns, and the parameter.
     pub(super) columns: Vec<(u32, usize)>,
-    /// Lanes of a row: one for each of the columns, and a free one.
+    /// Lanes of a row, and the lane of the states themselves.
     pub(super) width: usize,
-    /// First number of its rows in those of a sample: states, then outputs that are none.
-    pub(super) start: usize,
-    /// The first of its states, and of its outputs that are none, among all values of them.
     pub(super) lane: usize,
-    pub(super) output_lane: usize,
-    pub(super) terms: Vec<Term>,
-    pub(super) output_terms: Vec<Term>,
-    /// Where these stand in the feed.
-    places: Vec<u32>,
-    output_places: Vec<u32>,
+    terms: Vec<Term>,
+    output_terms: Vec<Term>,
     /// For each length of a step.
     steps: Vec<LinearMap>,
     observe: LinearMap,
@@ -41,81 +33,107 @@ pub(super) struct Subsystem {
     b: Jet,
     scaled: Jet,
     by_weight: [Jet; 3],
-    /// Rows of the states at present, and room for those after some steps, where they are not written to their places at once.
-    rows: Aligned,
-}
-
-/// How many there are of what a subsystem keeps room for.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Counts {
-    /// Lengths of steps.
-    pub(super) kinds: usize,
-    /// Steps between samples.
-    pub(super) per: usize,
-    /// Steps whose rows stand here, at most.
-    pub(super) kept: usize,
+    /// Whether there are no constants: the last number of the feed is then not read.
+    homogeneous: bool,
+    /// Without parameters: the states stand in lanes themselves.
+    response: Option<Response>,
+    /// And so do the outputs that are not states.
+    observed: Response,
+    /// From one state of a slot to the next, and from slot to slot.
+    apart: usize,
+    size: usize,
+    /// States with their sensitivities, rows of lanes: before the first of some steps, and after each.
+    slots: Aligned,
+    /// Which of the slots holds the present.
+    present: usize,
+    feed: Vec<f64>,
 }
 
 impl Subsystem {
-    /// `held` tells of every input whether it is held between samples.
+    /// `held` tells of every input whether it is held between samples; `kinds` is the number of lengths, `per` that of steps
+    /// between samples, `block` the most that are asked for at once.
     pub(super) fn new(
         layout: &Layout,
         part: Part,
         columns: &[usize],
         held: &[bool],
-        counts: Counts,
+        (kinds, per, block): (usize, usize, usize),
         drive: &DriveTable,
     ) -> Self {
+        let alone = columns.is_empty();
         let own = columns.iter().enumerate().filter(|(_, k)| part.params.contains(k));
         let columns: Vec<(u32, usize)> = own.map(|(c, k)| (c as u32, *k)).collect();
-        let (n, rows, drives) = (part.states.len(), part.outputs.len(), part.drive.len() + 1);
-        let width = (columns.len() + 1).next_multiple_of(VECTOR);
-        // nothing is differentiated without columns
-        let lanes = if columns.is_empty() { 0 } else { width };
-        let terms = step_terms(layout, &part, (held, counts.per), drive);
+        let (n, rows, lane) = (part.states.len(), part.outputs.len(), columns.len());
+        let (width, drives) = ((lane + 1).next_multiple_of(VECTOR), part.drive.len() + 1);
+        let terms = step_terms(layout, &part, (held, per), drive);
         let output_terms = output_terms(layout, &part);
-        let zero = || Jet::zero(n, drives, lanes);
+        let map = |rows: usize, terms: usize| LinearMap::new(rows, n, terms, (width, lane));
+        let zero = || Jet::zero(n, drives, width);
+        let response = alone.then(|| Response::new(n, n, terms.len(), kinds));
+        let (apart, size) = response.as_ref().map_or((width, n * width), |r| (1, r.width));
         Self {
-            steps: (0..counts.kinds).map(|_| LinearMap::new(n, n, terms.len(), lanes)).collect(),
-            observe: LinearMap::new(rows, n, output_terms.len(), lanes),
-            transition: Transition::new(n, lanes),
-            a: Jet::zero(n, n, lanes),
+            steps: (0..kinds).map(|_| map(n, terms.len())).collect(),
+            observe: map(rows, output_terms.len()),
+            transition: Transition::new(n, width),
+            a: Jet::zero(n, n, width),
             b: zero(),
             scaled: zero(),
             by_weight: [zero(), zero(), zero()],
-            rows: Aligned::new((counts.kept + 1) * n * lanes),
+            homogeneous: false,
+            observed: Response::new(rows, n, output_terms.len(), 1),
+            response,
+            apart,
+            size,
+            slots: Aligned::new((block + 1) * size),
+            present: 0,
+            feed: vec![0.0; (block + 1) * terms.len().max(output_terms.len())],
             part,
             columns,
             width,
-            start: 0,
-            lane: 0,
-            output_lane: 0,
+            lane,
             terms,
             output_terms,
-            places: Vec::new(),
-            output_places: Vec::new(),
         }
     }
 
-    /// Takes its place among the values of all states and outputs, whose feeds are known.
-    pub(super) fn take_place(&mut self, values: &mut Values) {
-        self.places = self.terms.iter().map(|term| values.steps.place(term.reading)).collect();
-        self.output_places = self.output_terms.iter().map(|term| values.samples.place(term.reading)).collect();
-        self.lane = values.response.take_up(self.part.states.len(), None, &self.places);
-        let states = self.lane..self.lane + self.part.states.len();
-        self.output_lane = values.outputs.take_up(self.part.outputs.len(), Some(states), &self.output_places);
+    /// The states with their sensitivities, rows of lanes.
+    #[inline(always)]
+    pub(super) fn states(&self) -> &[f64] {
+        self.slot(self.present)
     }
 
-    /// Numbers of the states' rows.
-    #[inline(always)]
+    /// Which slot that is.
+    pub(super) fn present(&self) -> usize {
+        self.present
+    }
+
+    /// Numbers of a slot.
     pub(super) fn size(&self) -> usize {
-        self.part.states.len() * self.width
+        self.size
     }
 
-    /// Rows of the states, where they are kept here; none without columns.
+    /// The states in one of the slots.
     #[inline(always)]
-    pub(super) fn rows(&self) -> &[f64] {
-        &self.rows[..if self.columns.is_empty() { 0 } else { self.size() }]
+    fn slot(&self, slot: usize) -> &[f64] {
+        &self.slots[slot * self.size..][..self.size]
+    }
+
+    /// The value of one of the states in a slot.
+    #[inline(always)]
+    pub(super) fn value(&self, slot: usize, state: usize) -> f64 {
+        self.slots[slot * self.size + state * self.apart + self.lane]
+    }
+
+    /// All slots from one on.
+    #[inline(always)]
+    pub(super) fn slots_from(&self, slot: usize) -> &[f64] {
+        &self.slots[slot * self.size..]
+    }
+
+    /// Goes back to states from before.
+    pub(super) fn restore(&mut self, states: &[f64]) {
+        self.present = 0;
+        self.slots[..states.len()].copy_from_slice(states);
     }
 
     /// Coefficients for new parameters.
@@ -126,24 +144,35 @@ impl Subsystem {
         equations: &Equations,
         (known, drive): (&[f64], &DriveTable),
         (method, lengths): (Method, &[f64]),
-        values: &mut Values,
     ) {
         self.matrices(layout, equations);
+        let last = self.part.drive.len();
+        let none = |i: usize| {
+            self.b.value[i * self.b.columns + last] == 0.0 && self.b.slope_of(i, last).iter().all(|s| *s == 0.0)
+        };
+        self.homogeneous = (0..self.part.states.len()).all(none);
         for (kind, h) in lengths.iter().enumerate() {
             self.transition.compute(method, &self.a, *h);
             self.scaled.scale_of(*h, &self.b);
             for (product, weight) in self.by_weight.iter_mut().zip(&self.transition.weights) {
                 product.product_of(weight, &self.scaled);
             }
-            self.fill_step(kind, layout, (known, drive), &mut values.response);
+            self.fill_step(kind, layout, (known, drive));
+            if let Some(response) = &mut self.response {
+                response.fill(kind, &mut self.steps[kind]);
+            }
         }
-        self.fill_observe(layout, equations, known, &mut values.outputs);
-        self.rows.fill(0.0);
+        self.fill_observe(layout, equations, known);
+        if self.response.is_some() {
+            self.observed.fill(0, &mut self.observe);
+        }
+        self.present = 0;
+        self.slots.fill(0.0);
         for (i, state) in self.part.states.iter().enumerate() {
-            values.slots[self.lane + i] = known[layout.initial.start + state];
+            self.slots[i * self.apart + self.lane] = known[layout.initial.start + state];
             for (k, param) in layout.patterns.initial_by_param.row(*state) {
                 if let Some(lane) = self.columns.iter().position(|(_, p)| *p == param) {
-                    self.rows[i * self.width + lane] = known[layout.initial_by_param.start + k];
+                    self.slots[i * self.width + lane] = known[layout.initial_by_param.start + k];
                 }
             }
         }
@@ -151,18 +180,17 @@ impl Subsystem {
 
     /// A and B of this subsystem.
     fn matrices(&mut self, layout: &Layout, equations: &Equations) {
-        let Self { part, columns, a, b, .. } = self;
-        let lanes = a.lanes;
+        let Self { part, columns, a, b, width, .. } = self;
         for (i, row) in part.states.iter().enumerate() {
             for (j, column) in part.states.iter().enumerate() {
                 a.value[i * a.columns + j] = equations.by_state(layout, Group::Rates, *row, *column);
-                let slopes = &mut a.slope[(i * a.columns + j) * lanes..][..columns.len()];
+                let slopes = &mut a.slope[(i * a.columns + j) * *width..][..columns.len()];
                 for (slope, (_, k)) in slopes.iter_mut().zip(columns.iter()) {
                     *slope = equations.slope(layout, Group::Rates, *row, *column, *k);
                 }
             }
             for j in 0..b.columns {
-                let slopes = &mut b.slope[(i * b.columns + j) * lanes..][..columns.len()];
+                let slopes = &mut b.slope[(i * b.columns + j) * *width..][..columns.len()];
                 let drive = part.drive.get(j);
                 b.value[i * b.columns + j] = match drive {
                     Some(d) => equations.by_drive(layout, Group::Rates, *row, *d),
@@ -180,154 +208,176 @@ impl Subsystem {
 
     /// Coefficients of a step of one length.
     #[inline(always)]
-    fn fill_step(
-        &mut self,
-        kind: usize,
-        layout: &Layout,
-        (known, seen): (&[f64], &DriveTable),
-        response: &mut Response,
-    ) {
-        let Self { part, columns, terms, places, steps, transition, by_weight, lane, .. } = self;
-        let (map, n, last) = (&mut steps[kind], part.states.len(), part.drive.len());
-        for i in 0..n {
-            for (m, term) in terms.iter().enumerate() {
-                let (weights, delays) = term.weights(seen);
-                let (to, mut sum) = (map.forcing_of(m, i), 0.0);
+    fn fill_step(&mut self, kind: usize, layout: &Layout, (known, seen): (&[f64], &DriveTable)) {
+        let Self { part, columns, terms, steps, transition, by_weight, lane, homogeneous, .. } = self;
+        let (map, n) = (&mut steps[kind], part.states.len());
+        map.terms = terms.len() - usize::from(*homogeneous);
+        for (m, term) in terms[..map.terms].iter().enumerate() {
+            for i in 0..n {
+                let to = map.forcing_of(m, i);
                 to.fill(0.0);
+                let (values, delays) = term.weights(seen);
                 for (stage, product) in by_weight.iter().enumerate() {
                     let value = product.value[i * product.columns + term.drive];
                     if delays[stage] != 0.0 {
                         let delayed = part.drive[term.drive] - layout.inputs;
                         add_delay(layout, known, delayed, delays[stage] * value, columns, to);
                     }
-                    if weights[stage] != 0.0 {
+                    if values[stage] != 0.0 {
                         let slopes = product.slope_of(i, term.drive);
-                        to.iter_mut().zip(slopes).for_each(|(t, s)| *t += weights[stage] * s);
-                        sum += weights[stage] * value;
+                        to.iter_mut().zip(slopes).for_each(|(t, s)| *t += values[stage] * s);
+                        to[*lane] += values[stage] * value;
                     }
                 }
-                *response.by_feed(kind, *lane + i, places[m]) = sum;
             }
-            for j in 0..n {
-                let value = transition.flow.value[i * n + j];
-                *response.by_state(kind, *lane + i, *lane + j) = value;
-                map.flow[j * n + i] = value;
-                map.forcing_of(terms.len() + j, i).copy_from_slice(transition.flow.slope_of(i, j));
+        }
+        for j in 0..n {
+            for i in 0..n {
+                map.flow[j * n + i] = transition.flow.value[i * n + j];
+                map.forcing_of(map.terms + j, i).copy_from_slice(transition.flow.slope_of(i, j));
             }
-            let (to, mut constant) = (map.forcing_of(terms.len() + n, i), 0.0);
-            to.fill(0.0);
-            for product in by_weight.iter() {
-                constant += product.value[i * product.columns + last];
-                to.iter_mut().zip(product.slope_of(i, last)).for_each(|(t, s)| *t += s);
-            }
-            *response.constant(kind, *lane + i) = constant;
         }
     }
 
     /// Coefficients of the outputs that are not states.
-    fn fill_observe(&mut self, layout: &Layout, equations: &Equations, known: &[f64], outputs: &mut Response) {
-        let Self { part, columns, output_terms, output_places, observe, lane, output_lane, .. } = self;
-        let (rows, n) = (part.outputs.len(), part.states.len());
+    fn fill_observe(&mut self, layout: &Layout, equations: &Equations, known: &[f64]) {
+        let Self { part, columns, output_terms, observe, lane, .. } = self;
+        let rows = part.outputs.len();
         for (r, output) in part.outputs.iter().enumerate() {
-            let own = *output_lane + r;
             for (m, term) in output_terms.iter().enumerate() {
-                let (to, d) = (observe.forcing_of(m, r), part.output_drive[term.drive]);
+                let to = observe.forcing_of(m, r);
                 to.fill(0.0);
-                let value = equations.by_drive(layout, Group::Outputs, *output, d);
-                if let Reading::Slope(_) = term.reading {
+                let drive = part.output_drive.get(term.drive);
+                let value = match drive {
+                    Some(d) => equations.by_drive(layout, Group::Outputs, *output, *d),
+                    None => equations.constant(Group::Outputs, *output),
+                };
+                if let (Reading::Slope(_), Some(d)) = (term.reading, drive) {
                     add_delay(layout, known, d - layout.inputs, value, columns, to);
                     continue;
                 }
-                *outputs.by_feed(0, own, output_places[m]) = value;
+                to[*lane] = value;
                 for (slope, (_, k)) in to.iter_mut().zip(columns.iter()) {
-                    *slope = equations.slope(layout, Group::Outputs, *output, layout.states + d, *k);
+                    *slope = match drive {
+                        Some(d) => equations.slope(layout, Group::Outputs, *output, layout.states + d, *k),
+                        None => equations.constant_slope(layout, Group::Outputs, *output, *k),
+                    };
                 }
             }
             for (j, state) in part.states.iter().enumerate() {
-                let value = equations.by_state(layout, Group::Outputs, *output, *state);
-                *outputs.by_state(0, own, *lane + j) = value;
-                observe.flow[j * rows + r] = value;
+                observe.flow[j * rows + r] = equations.by_state(layout, Group::Outputs, *output, *state);
                 let to = observe.forcing_of(output_terms.len() + j, r);
                 for (slope, (_, k)) in to.iter_mut().zip(columns.iter()) {
                     *slope = equations.slope(layout, Group::Outputs, *output, *state, *k);
                 }
             }
-            *outputs.constant(0, own) = equations.constant(Group::Outputs, *output);
-            let to = observe.forcing_of(output_terms.len() + n, r);
-            for (slope, (_, k)) in to.iter_mut().zip(columns.iter()) {
-                *slope = equations.constant_slope(layout, Group::Outputs, *output, *k);
-            }
         }
     }
 
-    /// The rows of the states after some steps, from the values before each and the feed. Their place is given by the numbers of all
-    /// rows and how far it is from step to step; they begin with those before the first step.
+    /// Advances by some steps, at most a block: the states before them are in slot 0, those after step k in slot k + 1.
     #[inline(always)]
-    pub(super) fn march<S: Simd>(
-        &self,
-        simd: S,
-        moves: (Feed<'_>, &Values),
-        steps: (&Intervals, Range<usize>),
-        place: (&mut [f64], usize),
-    ) {
-        simd.vectorize(Advance { subsystem: self, moves, steps, place });
-    }
-
-    /// The same where the rows stand here.
-    #[inline(always)]
-    pub(super) fn march_here<S: Simd>(
-        &mut self,
-        simd: S,
-        moves: (Feed<'_>, &Values),
-        steps: (&Intervals, Range<usize>),
-    ) {
-        let (mut rows, size, count) = (std::mem::take(&mut self.rows), self.size(), steps.1.len());
-        self.march(simd, moves, steps, (&mut rows, size));
-        rows.copy_within(count * size..(count + 1) * size, 0);
-        self.rows = rows;
+    pub(super) fn advance<S: Simd>(&mut self, simd: S, drive: &DriveTable, intervals: &Intervals, steps: Range<usize>) {
+        simd.vectorize(Advance { subsystem: self, drive, intervals, steps });
     }
 
     #[inline(always)]
-    fn take_steps<S: Simd>(
-        &self,
-        simd: S,
-        (feed, values): (Feed<'_>, &Values),
-        (intervals, steps): (&Intervals, Range<usize>),
-        (rows, apart): (&mut [f64], usize),
-    ) {
+    fn take_steps<S: Simd>(&mut self, simd: S, drive: &DriveTable, intervals: &Intervals, steps: Range<usize>) {
+        let size = self.size;
+        self.slots.copy_within(self.present * size..(self.present + 1) * size, 0);
         let (mut from, end) = (steps.start, steps.end);
         while from < end {
             let (kind, to) = intervals.alike(from, end);
-            let at = from - steps.start;
-            let (values, size) = values.from(at, self.lane);
-            let motion = Motion { feed: feed.from(at), places: &self.places, values, apart: size };
-            self.steps[kind].march(simd, &mut rows[at * apart..], apart, motion, to - from);
+            let (map, count) = (&self.steps[kind], to - from);
+            gather(&self.terms[..map.terms], drive, from..to, &mut self.feed);
+            let slots = &mut self.slots[(from - steps.start) * size..];
+            match &self.response {
+                Some(response) => {
+                    response.begin(simd, kind, &mut slots[size..], (&self.feed, map.terms), count);
+                    for k in 0..count {
+                        response.step(simd, kind, &mut slots[k * size..(k + 2) * size], map.terms);
+                    }
+                }
+                None => map.march(simd, slots, &self.feed, count),
+            }
+            from = to;
+        }
+        self.present = end - steps.start;
+    }
+
+    /// Reads what drives some steps of the response alone, at most a block, and begins their sums; the states before them go to slot 0.
+    #[inline(always)]
+    pub(super) fn begin<S: Simd>(&mut self, simd: S, drive: &DriveTable, intervals: &Intervals, steps: Range<usize>) {
+        let Self { size, terms, slots, feed, .. } = self;
+        let size = *size;
+        slots.copy_within(self.present * size..(self.present + 1) * size, 0);
+        self.present = steps.len();
+        let Some(response) = &self.response else { return };
+        let (mut from, end) = (steps.start, steps.end);
+        while from < end {
+            let (kind, to) = intervals.alike(from, end);
+            let count = self.steps[kind].terms;
+            gather(&terms[..count], drive, from..to, feed);
+            response.begin(simd, kind, &mut slots[(from - steps.start + 1) * size..], (feed, count), to - from);
             from = to;
         }
     }
 
-    /// The rows of outputs that are not states, of `count` samples whose values of the states stand from `slot` on. They go behind
-    /// those of the states, `apart` from sample to sample.
+    /// One of these steps.
+    #[inline(always)]
+    pub(super) fn respond<S: Simd>(&mut self, simd: S, kind: usize, k: usize) {
+        if let Some(response) = &self.response {
+            let (terms, size) = (self.steps[kind].terms, self.size);
+            response.step(simd, kind, &mut self.slots[k * size..(k + 2) * size], terms);
+        }
+    }
+
+    /// Outputs that are not states, one row each, at some samples (at most one more than a block has) whose states stand in the
+    /// slots from `slot` on.
     #[inline(always)]
     pub(super) fn observe<S: Simd>(
-        &self,
+        &mut self,
         simd: S,
-        (feed, values, slot): (Feed<'_>, &Values, usize),
-        (rows, apart): (&mut [f64], usize),
-        count: usize,
+        drive: &DriveTable,
+        (samples, slot): (Range<usize>, usize),
+        out: &mut [f64],
     ) {
-        let (values, size) = values.from(slot, self.lane);
-        let motion = Motion { feed, places: &self.output_places, values, apart: size };
-        simd.vectorize(Observe { map: &self.observe, motion, rows, apart, count });
+        simd.vectorize(Observe { subsystem: self, drive, samples, slot, out });
+    }
+
+    #[inline(always)]
+    fn take_outputs<S: Simd>(
+        &mut self,
+        simd: S,
+        drive: &DriveTable,
+        (samples, slot): (Range<usize>, usize),
+        out: &mut [f64],
+    ) {
+        let (terms, count) = (self.output_terms.len(), samples.len());
+        gather_samples(&self.output_terms, drive, samples, &mut self.feed);
+        let Self { observe, observed, slots, size, .. } = &*self;
+        let slots = &slots[slot * size..];
+        match &self.response {
+            None => observe.sweep(simd, slots, &self.feed, out, count),
+            Some(_) => {
+                observed.begin(simd, 0, out, (&self.feed, terms), count);
+                observed.observe(simd, (slots, *size), terms, out, count);
+            }
+        }
+    }
+
+    /// Numbers of the outputs of a sample that are not states, without sensitivities: a lane for each.
+    #[inline(always)]
+    pub(super) fn output_lanes(&self) -> usize {
+        self.observed.width
     }
 }
 
-/// Some steps of the rows: one function for each set of instructions, however many call it, for it holds the kernels of all sizes.
+/// Some steps: one function for each set of instructions, however many call it, for it holds the kernels of all sizes.
 struct Advance<'m> {
-    subsystem: &'m Subsystem,
-    moves: (Feed<'m>, &'m Values),
-    steps: (&'m Intervals, Range<usize>),
-    place: (&'m mut [f64], usize),
+    subsystem: &'m mut Subsystem,
+    drive: &'m DriveTable,
+    intervals: &'m Intervals,
+    steps: Range<usize>,
 }
 
 impl WithSimd for Advance<'_> {
@@ -335,17 +385,17 @@ impl WithSimd for Advance<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        self.subsystem.take_steps(simd, self.moves, self.steps, self.place);
+        self.subsystem.take_steps(simd, self.drive, self.intervals, self.steps);
     }
 }
 
-/// Rows of outputs of some samples, likewise.
+/// Outputs of some samples, likewise.
 struct Observe<'m> {
-    map: &'m LinearMap,
-    motion: Motion<'m>,
-    rows: &'m mut [f64],
-    apart: usize,
-    count: usize,
+    subsystem: &'m mut Subsystem,
+    drive: &'m DriveTable,
+    samples: Range<usize>,
+    slot: usize,
+    out: &'m mut [f64],
 }
 
 impl WithSimd for Observe<'_> {
@@ -353,7 +403,7 @@ impl WithSimd for Observe<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        self.map.sweep(simd, self.rows, self.apart, self.motion, self.count);
+        self.subsystem.take_outputs(simd, self.drive, (self.samples, self.slot), self.out);
     }
 }
 
