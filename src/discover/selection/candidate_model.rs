@@ -63,9 +63,8 @@ pub(super) struct CandidateModel {
     pub(super) cost: usize,
     /// What kind of explanation it is.
     pub(super) class: Class,
-    /// How simple it is: whether it has a limit or a width, of how many things it is made, and how many numbers it has, those that are
-    /// fixed too.
-    pub(super) form: (bool, usize, usize),
+    /// How simple it is: whether it has a limit or a width, and how many numbers, those that are fixed too.
+    pub(super) form: (bool, usize),
     /// Starts that were not followed, the best first.
     others: Vec<Vec<Vec<f64>>>,
 }
@@ -315,7 +314,6 @@ impl ForwardStep<'_> {
             class: attached.candidate.effect().class(),
             form: (
                 attached.candidate.kind() == Kind::Finite,
-                attached.candidate.targets().len(),
                 attached.params().iter().filter(|p| p.begins_as.is_none()).count(),
             ),
             others,

@@ -244,31 +244,25 @@ impl ForwardStep<'_> {
     }
 }
 
-/// Scores that differ by no more than this are equal: odds of e are "not worth more than a bare mention" (Kass & Raftery, Journal of the
-/// American Statistical Association 90 (1995) 773).
-pub(super) const EQUAL: f64 = 1.0;
-/// The same where all that differs may be where fits have ended: no step gains more than a fifth of it.
-const SAME: f64 = 5.0 * FINE;
+/// Scores that differ by no more than this are equal: fits end where no step gains more than a fifth of it.
+pub(super) const EQUAL: f64 = 5.0 * FINE;
 
-/// The best score first; of equals the simplest, and of what has the same score the first of the catalogue: |x| x where x is positive is x^2,
-/// and a dead zone of an input of one sign is a constant force. A product of signals that hardly change is one as well.
+/// The best score first; of equals the simplest, and then the first of the catalogue: |x| x where x is positive is x^2, and a dead zone of an
+/// input of one sign is a constant force.
 fn sort(models: &mut [CandidateModel]) {
-    let score = |models: &[CandidateModel]| models.iter().map(CandidateModel::score).collect::<Vec<f64>>();
     models.sort_by(|a, b| b.score().total_cmp(&a.score()).then(a.candidate.cmp(&b.candidate)));
-    for same in equals(&score(models), SAME) {
-        models[same].sort_by(|a, b| a.form.cmp(&b.form).then(a.candidate.cmp(&b.candidate)));
-    }
-    for equal in equals(&score(models), EQUAL) {
-        models[equal].sort_by(|a, b| a.form.cmp(&b.form));
+    let scores: Vec<f64> = models.iter().map(CandidateModel::score).collect();
+    for equals in equals(&scores) {
+        models[equals].sort_by(|a, b| a.form.cmp(&b.form).then(a.candidate.cmp(&b.candidate)));
     }
 }
 
-/// Falling scores in ranges, each of those that differ from its first by no more than this. They need not fall within what is smaller.
-fn equals(scores: &[f64], most: f64) -> Vec<Range<usize>> {
+/// Falling scores in ranges, each of those that equal its first.
+fn equals(scores: &[f64]) -> Vec<Range<usize>> {
     let (mut ranges, mut first) = (Vec::new(), 0);
     for k in 1..=scores.len() {
         // also of two that are no numbers none equals the other
-        let equal = k < scores.len() && scores[first] - scores[k] <= most;
+        let equal = k < scores.len() && scores[first] - scores[k] <= EQUAL;
         if !equal {
             ranges.push(first..k);
             first = k;
@@ -331,8 +325,8 @@ mod tests {
     #[test]
     fn equals_are_those_of_the_best_of_them() {
         let scores = [9.0, 9.0 - 0.9 * EQUAL, 9.0 - 1.8 * EQUAL, 4.0, f64::NEG_INFINITY, f64::NEG_INFINITY];
-        assert_eq!(equals(&scores, EQUAL), [0..2, 2..3, 3..4, 4..5, 5..6]);
-        assert_eq!(equals(&[], EQUAL), []);
+        assert_eq!(equals(&scores), [0..2, 2..3, 3..4, 4..5, 5..6]);
+        assert_eq!(equals(&[]), []);
     }
 
     #[test]

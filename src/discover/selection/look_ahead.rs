@@ -122,13 +122,9 @@ impl ForwardSelection<'_> {
                 others.len() + usize::from(best.is_some())
             ));
             let totals = self.totals(step, comparison, can, &others);
-            // of equals the simplest
             let least = |of: &dyn Fn(&usize) -> bool| {
-                let finite = || totals.iter().filter(|(k, total)| total.is_finite() && of(k));
-                let best = finite().map(|(_, total)| *total).fold(f64::INFINITY, f64::min);
-                let equal = finite().filter(|(_, total)| *total <= best + EQUAL);
-                let form = |k: usize| comparison.models[k].form;
-                equal.min_by(|a, b| form(a.0).cmp(&form(b.0)).then(a.1.total_cmp(&b.1))).map(|(k, _)| *k)
+                let finite = totals.iter().filter(|(k, total)| total.is_finite() && of(k));
+                finite.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(k, _)| *k)
             };
             chosen = least(&|_| true).or(chosen);
             mechanism = least(&is_mechanism).or(mechanism);
