@@ -833,8 +833,24 @@ impl<'a> ForwardSelection<'a> {
             model.objection =
                 model.objection.or_else(|| table.curve.written.against_physics(accepted)).or_else(superseded);
             model.recommended = model.objection.is_none();
-            return Some(Proposed { table, model, beside: true });
+            let beside = Proposed { table, model, beside: true };
+            if beside.model.recommended {
+                return Some(beside);
+            }
+            // what speaks against it may be an effect that has stood in for it
+            let alone = self.proposed_alone(problem, rival, told);
+            return alone.filter(|alone| alone.model.recommended).or(Some(beside));
         }
+        self.proposed_alone(problem, rival, told)
+    }
+
+    /// A table in the model as it was given, in the place of all effects.
+    fn proposed_alone(
+        &self,
+        problem: &FrontProblem<'_>,
+        rival: Option<&Rival<'_>>,
+        told: impl Fn(&TableModel, bool) -> FrontModel,
+    ) -> Option<Proposed> {
         let table = problem.table_in(problem.first)?;
         let mut model = told(&table, false);
         let better = rival.is_none_or(|Rival { written, current }| {
