@@ -42,7 +42,7 @@ pub fn copy_vectors(from: &[f64], to: &mut [f64]) {
 }
 
 /// Numbers that begin on a cache line, so that no vector straddles two.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Aligned<T = f64> {
     numbers: Vec<T>,
     start: usize,

@@ -417,3 +417,25 @@ fn a_zero_in_slow_noise() {
     let (value, error) = size(&found, "output_bias(attitude)");
     assert!((value - ZERO).abs() < 4.0 * error && error < 0.2 * ZERO, "{value} +- {error}");
 }
+
+/// A limit that cuts a hundredth of the largest input. Limits at quantiles cut so much more that they are worse than none, and one beyond
+/// the largest input has no derivative.
+#[test]
+fn a_limit_that_cuts_the_peaks_alone() {
+    const TEXT: &str = "model filter { input d [V]; state i [A] = 0; param R = 1 [ohm], L = 0.3 [H];
+        der(i) = (d - R*i)/L; output current [A] = i; }";
+    let (dt, samples) = (0.02, 400);
+    let input = |run: f64| move |t: f64| [0.45 + 0.135 * ((0.8 + 0.02 * run) * t + 0.18 * t * t).sin()];
+    let run = |number: f64, name: &str| {
+        let input = input(number);
+        let states = motion([0.0], (samples, dt), |t, [i]| {
+            let [d] = input(t);
+            [(d.min(0.579) - 0.9 * i) / 0.26]
+        });
+        record(name, dt, (&states, [0.0003]), input)
+    };
+    let runs = [run(0.0, "first"), run(1.0, "second")];
+    let found = found(TEXT, &runs, &[run(2.0, "third")], Field::Process, &["input_saturation", "input_curvature"]);
+    let (limit, error) = size(&found, "input_saturation(d)");
+    assert!((limit - 0.579).abs() < 4.0 * error && error < 1e-3, "{limit} +- {error}");
+}

@@ -29,6 +29,10 @@ const ACCURATE: f64 = 1e-4;
 const MOST_STEPS: usize = 40;
 /// Of the others, those that are kept for a candidate model that comes near the best.
 const SPARE: usize = 5;
+/// Halvings by which the size is found from which a limit acts.
+const HALVED: usize = 8;
+/// Difference of two costs that is none, in parts of them.
+const EQUAL: f64 = 1e-12;
 /// Iterations of a first look, and what one of them must predicted gain.
 const LOOK: usize = 3;
 const ROUGH: f64 = 0.5;
@@ -238,37 +242,56 @@ impl ForwardStep<'_> {
         };
         let mut prepared = posed.prepared()?;
         let mut looks: Vec<Look> = Vec::new();
-        // true when it is better than without the effect
         let mut look = |point: (usize, bool), starts: Vec<Vec<f64>>| {
             let cost = prepared.look(&starts);
             looks.extend(cost.map(|cost| Look { cost, point, starts }));
-            cost.is_some_and(|cost| cost < base.cost)
+            cost
         };
+        // better than without the effect
+        let gain = |cost: Option<f64>| cost.is_some_and(|cost| cost < base.cost);
         for (k, prediction) in predictions.iter().enumerate() {
             let point = &trace.points[prediction.point];
             let values = point.at(prediction.amount, attached.params());
             // with what the fitted parameters had made up for, and without: a large effect is not linear
             let mut gains = false;
             for share in [prediction.amount, 0.0] {
-                gains |=
-                    look((k, false), self.starts(attached, base, &values, (&prediction.added.compensation, share)));
+                gains |= gain(look(
+                    (k, false),
+                    self.starts(attached, base, &values, (&prediction.added.compensation, share)),
+                ));
             }
             // a derivative that says so much is believed less far: a model without the effect is never better than the best with it
             let mut amount = prediction.amount;
             for _ in 0..if point.is_linear() && !gains { NEARER } else { 0 } {
                 amount *= PART;
                 let values = point.at(amount, attached.params());
-                if look((k, false), self.starts(attached, base, &values, (&prediction.added.compensation, amount))) {
+                let starts = self.starts(attached, base, &values, (&prediction.added.compensation, amount));
+                if gain(look((k, false), starts)) {
                     break;
                 }
             }
             // where it was simulated: a finite effect is not proportional, and less of a limit is not a limit that is further away
             if !point.is_linear() {
                 for share in [1.0, 0.0] {
-                    look(
+                    gains |= gain(look(
                         (k, false),
                         self.starts(attached, base, &point.values, (&prediction.added.compensation, share)),
-                    );
+                    ));
+                }
+            }
+            // a limit that cuts so much is worse than none, and one that is nowhere reached has no derivative: between them is one that
+            // cuts less
+            if k == 0 && !point.is_linear() && !gains {
+                let at = |values: &[f64]| self.starts(attached, base, values, (&prediction.added.compensation, 0.0));
+                let (mut acts, mut rests) = (point.values.clone(), point.at(0.0, attached.params()));
+                let Some(nothing) = look((k, false), at(&rests)) else { continue };
+                for _ in 0..HALVED {
+                    let middle: Vec<f64> = acts.iter().zip(&rests).map(|(a, b)| 0.5 * (a + b)).collect();
+                    match look((k, false), at(&middle)) {
+                        Some(cost) if (cost - nothing).abs() <= EQUAL * nothing.abs() => rests = middle,
+                        cost if gain(cost) => break,
+                        _ => acts = middle,
+                    }
                 }
             }
             // hardly there: no worse than the base model

@@ -24,7 +24,7 @@ pub struct Block<'b> {
 /// How the sensitivities of a sample are arranged: one row for each output.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct RowLayout {
-    /// The row of each output (q).
+    /// The row of each output (q); between them there may be others.
     pub outputs: Vec<OutputRow>,
     /// Numbers from one sample to the next, a multiple of 8.
     pub length: usize,
@@ -97,6 +97,9 @@ impl Block<'_> {
 /// Numbers of rows in a block: what stays in the cache nearest to the processor, or hardly leaves it; sums are fetched and put
 /// back once for each block.
 const NUMBERS: usize = 4096;
+/// The same of rows that are computed where they are handed over: as no second array of them passes through that cache, what is done once
+/// for each block decides.
+const CONTINUED: usize = 8192;
 
 /// Gathers samples until a block is full.
 pub(super) struct Gathering {
@@ -106,13 +109,30 @@ pub(super) struct Gathering {
     first: usize,
     filled: usize,
     capacity: usize,
+    /// Samples whose room is before those of a block: one where rows are continued from those before them, or none.
+    lead: usize,
 }
 
 impl Gathering {
     pub(super) fn new(layout: RowLayout) -> Self {
         let capacity = (NUMBERS / layout.length.max(1)).clamp(4, 128);
-        let (y, rows) = (vec![0.0; capacity * layout.outputs.len()], Aligned::new(capacity * layout.length));
-        Self { layout, y, rows, first: 0, filled: 0, capacity }
+        Self::of(layout, capacity, 0)
+    }
+
+    /// Of rows that are continued from those of the sample before, which have room before those of every block.
+    pub(super) fn continued(layout: RowLayout) -> Self {
+        let capacity = (CONTINUED / layout.length.max(1)).clamp(16, 128);
+        Self::of(layout, capacity, 1)
+    }
+
+    fn of(layout: RowLayout, capacity: usize, lead: usize) -> Self {
+        let (y, rows) = (vec![0.0; capacity * layout.outputs.len()], Aligned::new((capacity + lead) * layout.length));
+        Self { layout, y, rows, first: 0, filled: 0, capacity, lead }
+    }
+
+    /// Most samples of a block.
+    pub(super) fn capacity(&self) -> usize {
+        self.capacity
     }
 
     /// Begins a run.
@@ -124,16 +144,17 @@ impl Gathering {
     #[inline(always)]
     pub(super) fn next(&mut self) -> (&mut [f64], &mut [f64]) {
         let (q, length) = (self.layout.outputs.len(), self.layout.length);
-        (&mut self.y[self.filled * q..][..q], &mut self.rows[self.filled * length..][..length])
+        (&mut self.y[self.filled * q..][..q], &mut self.rows[(self.filled + self.lead) * length..][..length])
     }
 
-    /// Outputs and rows of the next samples, at most `count` of them: arrangement, outputs, rows, and how many these are.
+    /// Outputs and rows of the next samples, at most `count` of them: arrangement, outputs, rows (continued ones with the room before them),
+    /// and how many these are.
     #[inline(always)]
     pub(super) fn several(&mut self, count: usize) -> (&RowLayout, &mut [f64], &mut [f64], usize) {
         let (q, length, room) = (self.layout.outputs.len(), self.layout.length, self.capacity - self.filled);
         let count = count.min(room);
         let y = &mut self.y[self.filled * q..][..count * q];
-        (&self.layout, y, &mut self.rows[self.filled * length..][..count * length], count)
+        (&self.layout, y, &mut self.rows[self.filled * length..][..(count + self.lead) * length], count)
     }
 
     /// The next `count` samples have been filled.
@@ -149,8 +170,9 @@ impl Gathering {
     pub(super) fn flush(&mut self, sink: &mut Sink<'_>) {
         let count = std::mem::take(&mut self.filled);
         if count > 0 {
+            let length = self.layout.length;
             let (y, rows) =
-                (&self.y[..count * self.layout.outputs.len()], &mut self.rows[..count * self.layout.length]);
+                (&self.y[..count * self.layout.outputs.len()], &mut self.rows[self.lead * length..][..count * length]);
             sink(Block { first: self.first, y, rows, layout: &self.layout });
             self.first += count;
         }

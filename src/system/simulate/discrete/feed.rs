@@ -8,7 +8,7 @@ use fdm_grammar::graph::Signal;
 use std::ops::Range;
 
 /// One number of the feed.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Reading {
     /// From the values of the drive, at this distance from those of the step or sample.
     Value(u32),

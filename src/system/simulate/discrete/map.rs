@@ -1,10 +1,9 @@
 //! The one loop that everything spends its time in: rows of lanes from rows of lanes,
 //! `out = sum over j of T_j s_j + sum over m of K_m f_m` ([`LinearMap`]).
 //!
-//! Without sensitivities the lanes hold the states ([`Response`]). Its sums have the same terms in the same order, so that the
-//! response has the same bits with and without its sensitivities.
+//! Without sensitivities the lanes hold the states (`response.rs`).
 
-use fdm_numeric::lanes::{Aligned, Simd, VECTOR};
+use fdm_numeric::lanes::{Aligned, Simd};
 
 /// A linear map of the states and their sensitivities, with what drives it.
 ///
@@ -36,38 +35,43 @@ impl LinearMap {
         &mut self.forcing[(term * self.rows + row) * self.width..][..self.width]
     }
 
-    /// Applies a map of states to states again and again: `slots` holds the states before the first of `count` steps and
-    /// takes those after each, `feed` has one row of `terms` numbers for every step.
+    /// The same in the lane of the values.
+    pub(super) fn value_of(&self, term: usize, row: usize) -> f64 {
+        self.forcing[(term * self.rows + row) * self.width + self.lane]
+    }
+
+    /// Applies a map of states to states again and again: `rows` begins with the states before the first of `count` steps and
+    /// takes those after each, `apart` numbers from step to step. `feed` has one row of `terms` numbers for every step.
     #[inline(always)]
-    pub(super) fn march<S: Simd>(&self, simd: S, slots: &mut [f64], feed: &[f64], count: usize) {
+    pub(super) fn march<S: Simd>(&self, simd: S, rows: &mut [f64], apart: usize, feed: &[f64], count: usize) {
         let tallest = if S::F64_LANES >= 8 { 8 } else { 4 };
         // single lanes never make up a row of one or two: the kernels are not even compiled for them
         if const { S::F64_LANES > 1 } && self.rows <= tallest {
             match self.width / S::F64_LANES {
-                1 => return self.march_of::<S, 1>(simd, slots, feed, count),
-                2 => return self.march_of::<S, 2>(simd, slots, feed, count),
+                1 => return self.march_of::<S, 1>(simd, rows, apart, feed, count),
+                2 => return self.march_of::<S, 2>(simd, rows, apart, feed, count),
                 _ => {}
             }
         }
         let size = self.rows * self.width;
         for k in 0..count {
-            let (before, after) = slots[k * size..(k + 2) * size].split_at_mut(size);
-            self.apply(simd, before, &feed[k * self.terms..], after);
+            let (before, after) = rows[k * apart..].split_at_mut(apart);
+            self.apply(simd, &before[..size], &feed[k * self.terms..], &mut after[..size]);
         }
     }
 
     #[inline(always)]
-    fn march_of<S: Simd, const C: usize>(&self, simd: S, slots: &mut [f64], feed: &[f64], count: usize) {
+    fn march_of<S: Simd, const C: usize>(&self, simd: S, rows: &mut [f64], apart: usize, feed: &[f64], count: usize) {
         match self.rows {
             0 => {}
-            1 => self.march_in_registers::<S, 1, C>(simd, slots, feed, count),
-            2 => self.march_in_registers::<S, 2, C>(simd, slots, feed, count),
-            3 => self.march_in_registers::<S, 3, C>(simd, slots, feed, count),
-            4 => self.march_in_registers::<S, 4, C>(simd, slots, feed, count),
-            5 => self.march_in_registers::<S, 5, C>(simd, slots, feed, count),
-            6 => self.march_in_registers::<S, 6, C>(simd, slots, feed, count),
-            7 => self.march_in_registers::<S, 7, C>(simd, slots, feed, count),
-            _ => self.march_in_registers::<S, 8, C>(simd, slots, feed, count),
+            1 => self.march_in_registers::<S, 1, C>(simd, rows, apart, feed, count),
+            2 => self.march_in_registers::<S, 2, C>(simd, rows, apart, feed, count),
+            3 => self.march_in_registers::<S, 3, C>(simd, rows, apart, feed, count),
+            4 => self.march_in_registers::<S, 4, C>(simd, rows, apart, feed, count),
+            5 => self.march_in_registers::<S, 5, C>(simd, rows, apart, feed, count),
+            6 => self.march_in_registers::<S, 6, C>(simd, rows, apart, feed, count),
+            7 => self.march_in_registers::<S, 7, C>(simd, rows, apart, feed, count),
+            _ => self.march_in_registers::<S, 8, C>(simd, rows, apart, feed, count),
         }
     }
 
@@ -76,33 +80,36 @@ impl LinearMap {
     fn march_in_registers<S: Simd, const R: usize, const C: usize>(
         &self,
         simd: S,
-        slots: &mut [f64],
+        rows: &mut [f64],
+        apart: usize,
         feed: &[f64],
         count: usize,
     ) {
         let (size, terms, coefficients) = (R * C * S::F64_LANES, self.terms, self.coefficients::<S, R, C>());
         for k in 0..count {
-            let (before, after) = slots[k * size..(k + 2) * size].split_at_mut(size);
-            let sum = coefficients.sums(simd, R, before, &feed[k * terms..][..terms]);
-            put(sum, S::as_mut_simd_f64s(after).0);
+            let (before, after) = rows[k * apart..].split_at_mut(apart);
+            let sum = coefficients.sums(simd, R, &before[..size], &feed[k * terms..][..terms]);
+            put(sum, S::as_mut_simd_f64s(&mut after[..size]).0);
         }
     }
 
-    /// Applies a map to `count` slots of states, one row of the feed and one block of rows of `out` for each.
+    /// Applies a map to the states of `count` samples, with one row of the feed for each; the rows that it gives stand behind theirs. From
+    /// sample to sample it is `apart` numbers.
     #[inline(always)]
-    pub(super) fn sweep<S: Simd>(&self, simd: S, slots: &[f64], feed: &[f64], out: &mut [f64], count: usize) {
+    pub(super) fn sweep<S: Simd>(&self, simd: S, rows: &mut [f64], apart: usize, feed: &[f64], count: usize) {
         if const { S::F64_LANES > 1 } {
             match (self.rows, self.width / S::F64_LANES) {
-                (1, 1) => return self.sweep_in_registers::<S, 1, 1>(simd, slots, feed, out, count),
-                (1, 2) => return self.sweep_in_registers::<S, 1, 2>(simd, slots, feed, out, count),
-                (2, 1) => return self.sweep_in_registers::<S, 2, 1>(simd, slots, feed, out, count),
-                (2, 2) => return self.sweep_in_registers::<S, 2, 2>(simd, slots, feed, out, count),
+                (1, 1) => return self.sweep_in_registers::<S, 1, 1>(simd, rows, apart, feed, count),
+                (1, 2) => return self.sweep_in_registers::<S, 1, 2>(simd, rows, apart, feed, count),
+                (2, 1) => return self.sweep_in_registers::<S, 2, 1>(simd, rows, apart, feed, count),
+                (2, 2) => return self.sweep_in_registers::<S, 2, 2>(simd, rows, apart, feed, count),
                 _ => {}
             }
         }
-        let (size, rows) = (self.states * self.width, self.rows * self.width);
+        let (size, own) = (self.states * self.width, self.rows * self.width);
         for k in 0..count {
-            self.apply(simd, &slots[k * size..][..size], &feed[k * self.terms..], &mut out[k * rows..][..rows]);
+            let (states, out) = rows[k * apart..][..size + own].split_at_mut(size);
+            self.apply(simd, states, &feed[k * self.terms..], out);
         }
     }
 
@@ -110,17 +117,17 @@ impl LinearMap {
     fn sweep_in_registers<S: Simd, const R: usize, const C: usize>(
         &self,
         simd: S,
-        slots: &[f64],
+        rows: &mut [f64],
+        apart: usize,
         feed: &[f64],
-        out: &mut [f64],
         count: usize,
     ) {
         let (width, terms, states) = (C * S::F64_LANES, self.terms, self.states);
         let (size, coefficients) = (states * width, self.coefficients::<S, R, C>());
         for k in 0..count {
-            let (before, feed) = (&slots[k * size..][..size], &feed[k * terms..][..terms]);
-            let sum = coefficients.sums(simd, states, before, feed);
-            put(sum, S::as_mut_simd_f64s(&mut out[k * R * width..][..R * width]).0);
+            let (before, out) = rows[k * apart..][..size + R * width].split_at_mut(size);
+            let sum = coefficients.sums(simd, states, before, &feed[k * terms..][..terms]);
+            put(sum, S::as_mut_simd_f64s(out).0);
         }
     }
 
@@ -291,167 +298,5 @@ fn add<S: Simd, const R: usize, const C: usize>(
         for c in 0..C {
             sum[r][c] = simd.mul_add_f64s(f, k[r * across + c], sum[r][c]);
         }
-    }
-}
-
-/// Steps for which a column of the feed's coefficients is read once.
-const TOGETHER: usize = 4;
-
-/// The maps of one subsystem to its states or its outputs, columns of their matrices in lanes.
-pub(super) struct Response {
-    rows: usize,
-    states: usize,
-    /// Lanes of the rows, whole vectors.
-    pub(super) width: usize,
-    /// For each length of a step the coefficients of the feed and then of the states, by width.
-    columns: Vec<Aligned>,
-}
-
-impl Response {
-    pub(super) fn new(rows: usize, states: usize, terms: usize, kinds: usize) -> Self {
-        let width = rows.next_multiple_of(VECTOR);
-        let columns = (0..kinds).map(|_| Aligned::new((terms + states) * width)).collect();
-        Self { rows, states, width, columns }
-    }
-
-    /// Takes over the coefficients of one length.
-    pub(super) fn fill(&mut self, kind: usize, map: &mut LinearMap) {
-        let (rows, states, width, lane, terms) = (self.rows, self.states, self.width, map.lane, map.terms);
-        let columns = &mut self.columns[kind];
-        for i in 0..rows {
-            for m in 0..terms {
-                columns[m * width + i] = map.forcing_of(m, i)[lane];
-            }
-            for j in 0..states {
-                columns[(terms + j) * width + i] = map.flow[j * rows + i];
-            }
-        }
-    }
-
-    /// What the feed gives to steps of one length, as the beginning of their sums: `after` takes the states after each, `feed` has one
-    /// row of `terms` numbers for every step.
-    #[inline(always)]
-    #[allow(
-        clippy::needless_range_loop,
-        reason = "several slices walk together, and plain loops keep the wide registers"
-    )]
-    pub(super) fn begin<S: Simd>(
-        &self,
-        simd: S,
-        kind: usize,
-        after: &mut [f64],
-        (feed, terms): (&[f64], usize),
-        count: usize,
-    ) {
-        let across = self.width / S::F64_LANES;
-        let columns = S::as_simd_f64s(&self.columns[kind]).0;
-        let columns = &columns[..terms * across];
-        let after = &mut S::as_mut_simd_f64s(after).0[..count * across];
-        let mut k = 0;
-        // a column is read once for some steps
-        while k + TOGETHER <= count {
-            let feed = &feed[k * terms..(k + TOGETHER) * terms];
-            for v in 0..across {
-                let mut sum = [simd.splat_f64s(0.0); TOGETHER];
-                for m in 0..terms {
-                    let column = columns[m * across + v];
-                    for t in 0..TOGETHER {
-                        sum[t] = simd.mul_add_f64s(simd.splat_f64s(feed[t * terms + m]), column, sum[t]);
-                    }
-                }
-                for t in 0..TOGETHER {
-                    after[(k + t) * across + v] = sum[t];
-                }
-            }
-            k += TOGETHER;
-        }
-        for k in k..count {
-            for v in 0..across {
-                let mut sum = simd.splat_f64s(0.0);
-                for m in 0..terms {
-                    sum = simd.mul_add_f64s(simd.splat_f64s(feed[k * terms + m]), columns[m * across + v], sum);
-                }
-                after[k * across + v] = sum;
-            }
-        }
-    }
-
-    /// One of the steps that have begun: the states before it, and the beginning of those after it, stand in `slots`.
-    #[inline(always)]
-    #[allow(
-        clippy::needless_range_loop,
-        reason = "several slices walk together, and plain loops keep the wide registers"
-    )]
-    pub(super) fn step<S: Simd>(&self, simd: S, kind: usize, slots: &mut [f64], terms: usize) {
-        if self.width == S::F64_LANES {
-            return match self.states {
-                1 => self.vector::<S, 1>(simd, kind, slots, terms),
-                2 => self.vector::<S, 2>(simd, kind, slots, terms),
-                3 => self.vector::<S, 3>(simd, kind, slots, terms),
-                4 => self.vector::<S, 4>(simd, kind, slots, terms),
-                5 => self.vector::<S, 5>(simd, kind, slots, terms),
-                6 => self.vector::<S, 6>(simd, kind, slots, terms),
-                7 => self.vector::<S, 7>(simd, kind, slots, terms),
-                _ => self.vector::<S, 8>(simd, kind, slots, terms),
-            };
-        }
-        let across = self.width / S::F64_LANES;
-        let (before, after) = slots.split_at_mut(self.width);
-        let by_state = &S::as_simd_f64s(&self.columns[kind]).0[terms * across..][..self.states * across];
-        let (before, after) = (&before[..self.states], &mut S::as_mut_simd_f64s(after).0[..across]);
-        for v in 0..across {
-            let mut sum = after[v];
-            for j in 0..before.len() {
-                sum = simd.mul_add_f64s(simd.splat_f64s(before[j]), by_state[j * across + v], sum);
-            }
-            after[v] = sum;
-        }
-    }
-
-    /// Rows of outputs (`count` by lanes) of states that stand `apart` numbers from sample to sample, where the feed has begun their sums.
-    #[inline(always)]
-    #[allow(
-        clippy::needless_range_loop,
-        reason = "several slices walk together, and plain loops keep the wide registers"
-    )]
-    pub(super) fn observe<S: Simd>(
-        &self,
-        simd: S,
-        (slots, apart): (&[f64], usize),
-        terms: usize,
-        out: &mut [f64],
-        count: usize,
-    ) {
-        let across = self.width / S::F64_LANES;
-        let by_state = &S::as_simd_f64s(&self.columns[0]).0[terms * across..][..self.states * across];
-        let out = &mut S::as_mut_simd_f64s(out).0[..count * across];
-        for k in 0..count {
-            let x = &slots[k * apart..][..self.states];
-            for v in 0..across {
-                let mut sum = out[k * across + v];
-                for j in 0..x.len() {
-                    sum = simd.mul_add_f64s(simd.splat_f64s(x[j]), by_state[j * across + v], sum);
-                }
-                out[k * across + v] = sum;
-            }
-        }
-    }
-
-    /// A step of N states in one vector.
-    #[inline(always)]
-    #[allow(
-        clippy::needless_range_loop,
-        reason = "several slices walk together, and plain loops keep the wide registers"
-    )]
-    fn vector<S: Simd, const N: usize>(&self, simd: S, kind: usize, slots: &mut [f64], terms: usize) {
-        let (before, after) = slots.split_at_mut(VECTOR);
-        let by_state = S::as_simd_f64s(&self.columns[kind]).0[terms..].first_chunk::<N>();
-        let (Some(by_state), Some(before)) = (by_state, before.first_chunk::<N>()) else { return };
-        let after = S::as_mut_simd_f64s(after).0;
-        let mut sum = after[0];
-        for j in 0..N {
-            sum = simd.mul_add_f64s(simd.splat_f64s(before[j]), by_state[j], sum);
-        }
-        after[0] = sum;
     }
 }

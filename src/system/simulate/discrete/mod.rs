@@ -9,11 +9,13 @@
 mod equations;
 mod feed;
 mod map;
+mod response;
 mod subsystem;
+#[cfg(test)]
+mod tests;
 mod transition;
 
-use super::blocks::{Gathering, RowLayout, Sink};
-use super::drive::DriveTable;
+use super::blocks::{Gathering, OutputRow, RowLayout, Sink};
 use super::error::Divergence;
 use super::observation::Observation;
 use super::trajectory::Trajectory;
@@ -21,6 +23,8 @@ use crate::dynamics::Layout;
 use equations::{Equations, Part, partition};
 use fdm_grammar::graph::Signal;
 use fdm_numeric::lanes::{Aligned, Simd, VECTOR, WithSimd, copy_vectors, dispatch};
+use response::Values;
+use std::ops::Range;
 use subsystem::{Subsystem, steps_of_a_block};
 
 pub(super) use transition::Intervals;
@@ -103,9 +107,11 @@ pub(super) struct Discrete {
     subsystems: Vec<Subsystem>,
     general: Option<General>,
     gathering: Gathering,
-    /// Rows of outputs that are not states.
-    rows: Aligned,
-    /// States at the beginning of a block, to find a divergence in it.
+    /// Rows that stand a second time in another output's place: from, to, width.
+    twins: Vec<(usize, usize, usize)>,
+    /// The response, where no columns are asked for.
+    values: Option<Values>,
+    /// States at the beginning of a block, to find a divergence in it: of each subsystem, or the values alone.
     before: Vec<Vec<f64>>,
 }
 
@@ -118,10 +124,9 @@ impl Discrete {
             assert!(layout.stage.lane[*k].is_some(), "parameter {k} is fixed in the model: it has no derivatives");
         }
         let (held, linear) = (&trajectory.run.held, observed(layout));
-        let block = steps_of_a_block(layout.states * (columns.len() + 1).next_multiple_of(VECTOR));
-        let kinds = (intervals.lengths.len(), trajectory.grid.per_interval().unwrap_or(1), block);
-        let parts = partition(layout, linear).into_iter();
-        let subsystems: Vec<_> =
+        let per = trajectory.grid.per_interval().unwrap_or(1);
+        let (parts, kinds) = (partition(layout, linear).into_iter(), (intervals.lengths.len(), per));
+        let mut subsystems: Vec<_> =
             parts.map(|part| Subsystem::new(layout, part, columns, held, kinds, &trajectory.drive)).collect();
         let general = (!linear).then(|| General {
             observation: Observation::new(layout, columns),
@@ -130,22 +135,33 @@ impl Discrete {
             lane_of: subsystems.iter().map(|s| lanes_of(layout, s)).collect(),
             rows: vec![0.0; layout.outputs * columns.len().next_multiple_of(VECTOR)],
         });
-        let rows = if linear {
-            RowLayout::new((0..layout.outputs).map(|o| columns_of(&subsystems, o)))
+        let (gathering, twins) = if linear && !columns.is_empty() {
+            let (rows, twins) = arrange(&mut subsystems, layout.outputs);
+            (Gathering::continued(rows), twins)
         } else {
-            RowLayout::full(layout.outputs, columns.len())
+            (Gathering::new(RowLayout::full(layout.outputs, columns.len())), Vec::new())
         };
-        let longest = subsystems.iter().map(|s| s.part.outputs.len() * s.width).max().unwrap_or(0);
+        let in_place = linear && !columns.is_empty() && per == 1;
+        let steps = steps_of_a_block(layout.states * (columns.len() + 1).next_multiple_of(VECTOR));
+        // states that go to the rows that are handed over are kept elsewhere for one step alone
+        let (block, kept) = if in_place { (gathering.capacity(), 1) } else { (steps, steps) };
+        subsystems.iter_mut().for_each(|s| s.make_room(block, kept));
+        let outputs = if linear { layout.outputs } else { 0 };
+        let values = columns.is_empty().then(|| Values::new(&subsystems, outputs, kinds.0, block));
         Self {
             columns: columns.to_vec(),
             method,
             block,
             equations: Equations::new(layout),
-            before: subsystems.iter().map(|s| s.states().to_vec()).collect(),
+            before: match &values {
+                Some(values) => vec![values.states().to_vec()],
+                None => subsystems.iter().map(|s| s.states().to_vec()).collect(),
+            },
             subsystems,
             general,
-            gathering: Gathering::new(rows),
-            rows: Aligned::new((block + 1) * longest),
+            gathering,
+            twins,
+            values,
         }
     }
 
@@ -169,17 +185,13 @@ impl Discrete {
 
     /// The first step of a block after which a state is not finite.
     #[cold]
-    fn divergence(
-        &mut self,
-        trajectory: &Trajectory<'_>,
-        intervals: &Intervals,
-        steps: std::ops::Range<usize>,
-    ) -> Divergence {
-        self.subsystems.iter_mut().zip(&self.before).for_each(|(s, before)| s.restore(before));
+    fn divergence(&mut self, trajectory: &Trajectory<'_>, intervals: &Intervals, steps: Range<usize>) -> Divergence {
+        match &mut self.values {
+            Some(values) => values.restore(&self.before[0]),
+            None => self.subsystems.iter_mut().zip(&self.before).for_each(|(s, before)| s.restore(before)),
+        }
         for k in steps.clone() {
-            for subsystem in &mut self.subsystems {
-                dispatch(Single { subsystem, trajectory, intervals, k });
-            }
+            dispatch(Single { recursion: self, trajectory, intervals, k });
             if let Some(state) = self.first_not_finite() {
                 let (t, h) = trajectory.grid.step(k);
                 let sample = k / trajectory.grid.per_interval().unwrap_or(1);
@@ -197,30 +209,55 @@ impl Discrete {
 
     /// The first state, if any, that is not finite; none of them (but `Some`) when a sensitivity is not.
     fn first_not_finite(&self) -> Option<Option<usize>> {
-        let values = |s: &Subsystem| {
+        let first = |(k, s): (usize, &Subsystem)| {
+            let finite = |i: usize| match &self.values {
+                Some(values) => values.of_subsystem(k)[i].is_finite(),
+                None => s.value(i).is_finite(),
+            };
             let states = s.part.states.iter().enumerate();
-            states.filter(|(i, _)| !s.value(s.present(), *i).is_finite()).map(|(_, state)| *state).min()
+            states.filter(|(i, _)| !finite(*i)).map(|(_, state)| *state).min()
         };
-        if let Some(state) = self.subsystems.iter().filter_map(values).min() {
+        if let Some(state) = self.subsystems.iter().enumerate().filter_map(first).min() {
             return Some(Some(state));
         }
         None
     }
 }
 
-/// The columns that a linear output can depend on.
-fn columns_of(subsystems: &[Subsystem], output: usize) -> Vec<u32> {
-    let has = |s: &&Subsystem| s.part.outputs.contains(&output) || s.part.shown.iter().any(|(o, _)| *o == output);
-    subsystems.iter().find(has).map_or_else(Vec::new, |s| s.columns.iter().map(|(c, _)| *c).collect())
+/// Rows of a sample: for each subsystem those of its states and of its other outputs. An output that shows a state has that state's row
+/// for its own; whoever shows it too has another.
+fn arrange(subsystems: &mut [Subsystem], outputs: usize) -> (RowLayout, Vec<(usize, usize, usize)>) {
+    let none = OutputRow { start: 0, width: 0, columns: Vec::new() };
+    let (mut layout, mut twins) = (RowLayout { outputs: vec![none; outputs], length: 0 }, Vec::new());
+    for subsystem in subsystems {
+        subsystem.start = layout.length;
+        let (part, width) = (&subsystem.part, subsystem.width);
+        let columns: Vec<u32> = subsystem.columns.iter().map(|(c, _)| *c).collect();
+        layout.length += (part.states.len() + part.outputs.len()) * width;
+        let row = |start: usize| OutputRow { start, width, columns: columns.clone() };
+        for (k, output) in part.outputs.iter().enumerate() {
+            layout.outputs[*output] = row(subsystem.start + (part.states.len() + k) * width);
+        }
+        for (k, (output, state)) in part.shown.iter().enumerate() {
+            let own = subsystem.start + state * width;
+            let again = part.shown[..k].iter().any(|(_, shown)| shown == state);
+            if again {
+                twins.push((own, layout.length, width));
+                layout.length += width;
+            }
+            layout.outputs[*output] = row(if again { layout.length - width } else { own });
+        }
+    }
+    (layout, twins)
 }
 
 fn lanes_of(layout: &Layout, subsystem: &Subsystem) -> Vec<usize> {
     subsystem.columns.iter().filter_map(|(_, k)| layout.stage.lane[*k]).map(|lane| lane as usize).collect()
 }
 
-/// One step of one subsystem.
+/// One step of all subsystems.
 struct Single<'m, 'a> {
-    subsystem: &'m mut Subsystem,
+    recursion: &'m mut Discrete,
     trajectory: &'m Trajectory<'a>,
     intervals: &'m Intervals,
     k: usize,
@@ -231,124 +268,21 @@ impl WithSimd for Single<'_, '_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        self.subsystem.advance(simd, &self.trajectory.drive, self.intervals, self.k..self.k + 1);
-    }
-}
-
-/// Some steps of the response alone, as long as an interval: the chains of the subsystems, each of which waits for itself,
-/// advance together.
-#[inline(always)]
-fn respond<S: Simd>(
-    simd: S,
-    subsystems: &mut [Subsystem],
-    trajectory: &Trajectory<'_>,
-    intervals: &Intervals,
-    steps: std::ops::Range<usize>,
-) {
-    // no closure: it would not have the processor's features that the loop is compiled for
-    for subsystem in subsystems.iter_mut() {
-        subsystem.begin(simd, &trajectory.drive, intervals, steps.clone());
-    }
-    for (k, step) in steps.enumerate() {
-        let kind = intervals.of_step(step);
-        for subsystem in subsystems.iter_mut() {
-            subsystem.respond(simd, kind, k);
+        let Self { recursion: Discrete { values, subsystems, .. }, trajectory, intervals, k } = self;
+        if let Some(values) = values {
+            return values.advance(simd, &trajectory.drive, (intervals, k..k + 1), &mut []);
+        }
+        for subsystem in subsystems {
+            subsystem.advance(simd, &trajectory.drive, (intervals, k..k + 1), None);
         }
     }
 }
 
-/// Where outputs and rows of some samples are written.
-struct Place<'p> {
-    layout: &'p RowLayout,
-    y: &'p mut [f64],
-    rows: &'p mut [f64],
-    /// Rows of outputs that are not states.
-    spare: &'p mut [f64],
-    /// Whether there are no sensitivities to write.
-    bare: bool,
-}
-
-impl Place<'_> {
-    /// One of the samples.
-    fn only(&mut self, at: usize) -> Place<'_> {
-        let (q, length) = (self.layout.outputs.len(), self.layout.length);
-        let (y, rows) = (&mut self.y[at * q..][..q], &mut self.rows[at * length..][..length]);
-        Place { layout: self.layout, y, rows, spare: self.spare, bare: self.bare }
-    }
-
-    /// Outputs that are states, at `count` samples whose states stand in the slots from `slot` on.
-    #[inline(always)]
-    fn show(&mut self, subsystem: &Subsystem, count: usize, slot: usize) {
-        if self.bare {
-            let (q, size, slots) = (self.layout.outputs.len(), subsystem.size(), subsystem.slots_from(slot));
-            for (output, state) in &subsystem.part.shown {
-                let values = slots[*state..].iter().step_by(size.max(1)).take(count);
-                self.y[*output..].iter_mut().step_by(q.max(1)).zip(values).for_each(|(y, x)| *y = *x);
-            }
-            return;
-        }
-        match subsystem.width / VECTOR {
-            1 => self.show_rows::<1>(subsystem, count, slot),
-            2 => self.show_rows::<2>(subsystem, count, slot),
-            3 => self.show_rows::<3>(subsystem, count, slot),
-            _ => self.show_rows::<0>(subsystem, count, slot),
-        }
-    }
-
-    /// The same where a row is so many vectors; any number when it is 0.
-    #[inline(always)]
-    fn show_rows<const VECTORS: usize>(&mut self, subsystem: &Subsystem, count: usize, slot: usize) {
-        let (q, length) = (self.layout.outputs.len(), self.layout.length / VECTOR);
-        let across = if VECTORS > 0 { VECTORS } else { subsystem.width / VECTOR };
-        let size = subsystem.part.states.len() * across;
-        let (lane, slots) = (subsystem.lane.min(across * VECTOR - 1), subsystem.slots_from(slot).as_chunks().0);
-        let rows: &mut [[f64; VECTOR]] = self.rows.as_chunks_mut().0;
-        for (output, state) in &subsystem.part.shown {
-            let start = self.layout.outputs[*output].start / VECTOR;
-            for k in 0..count {
-                let (from, to) = (k * size + state * across, k * length + start);
-                let from = &slots[from..from + across];
-                rows[to..to + across].copy_from_slice(from);
-                self.y[k * q + output] = from[lane / VECTOR][lane % VECTOR];
-            }
-        }
-    }
-
-    /// Other linear outputs, at some samples; the first of them stands at `at`.
-    #[inline(always)]
-    fn observe<S: Simd>(
-        &mut self,
-        simd: S,
-        subsystem: &mut Subsystem,
-        drive: &DriveTable,
-        samples: std::ops::Range<usize>,
-        slot: usize,
-    ) {
-        let outputs = subsystem.part.outputs.len();
-        if outputs == 0 {
-            return;
-        }
-        let (q, length, count) = (self.layout.outputs.len(), self.layout.length, samples.len());
-        subsystem.observe(simd, drive, (samples, slot), self.spare);
-        if self.bare {
-            let lanes = subsystem.output_lanes();
-            for at in 0..count {
-                let values = &self.spare[at * lanes..][..outputs];
-                for (output, value) in subsystem.part.outputs.iter().zip(values) {
-                    self.y[at * q + output] = *value;
-                }
-            }
-            return;
-        }
-        let (lane, width) = (subsystem.lane, subsystem.width);
-        for at in 0..count {
-            let rows = self.spare[at * outputs * width..].chunks_exact(width);
-            for (output, row) in subsystem.part.outputs.iter().zip(rows) {
-                self.y[at * q + output] = row[lane];
-                let start = self.layout.outputs[*output].start;
-                copy_vectors(row, &mut self.rows[at * length + start..][..width]);
-            }
-        }
+/// Outputs from the rows of their samples, and rows that two outputs have in common a second time.
+fn spread(layout: &RowLayout, twins: &[(usize, usize, usize)], y: &mut [f64], rows: &mut [f64]) {
+    for (y, rows) in y.chunks_exact_mut(layout.outputs.len().max(1)).zip(rows.chunks_exact_mut(layout.length)) {
+        twins.iter().for_each(|(from, to, width)| rows.copy_within(*from..from + width, *to));
+        y.iter_mut().zip(&layout.outputs).for_each(|(y, row)| *y = rows[row.start + row.columns.len()]);
     }
 }
 
@@ -370,6 +304,9 @@ impl WithSimd for March<'_, '_> {
         for subsystem in &mut recursion.subsystems {
             let how = (recursion.method, &intervals.lengths[..]);
             subsystem.prepare(layout, &recursion.equations, (&trajectory.known, &trajectory.drive), how);
+        }
+        if let Some(values) = &mut recursion.values {
+            values.begin(&recursion.subsystems);
         }
         let (samples, per) = (trajectory.run.len(), trajectory.grid.per_interval().unwrap_or(1));
         let mut first = 0;
@@ -403,25 +340,46 @@ impl Discrete {
         (first, most): (usize, usize),
     ) -> usize {
         let per = trajectory.grid.per_interval().unwrap_or(1);
-        let Self { columns, block, subsystems, gathering, rows: spare, before, .. } = self;
+        let Self { block, subsystems, general, gathering, twins, values, before, .. } = self;
+        let (drive, linear) = (&trajectory.drive, general.is_none());
         let (layout, y, rows, count) = gathering.several(most);
-        let (bare, after) = (columns.is_empty(), usize::from(first > 0));
-        let mut place = Place { layout, y, rows, spare, bare };
-        subsystems.iter().zip(before).for_each(|(subsystem, before)| before.copy_from_slice(subsystem.states()));
-        if per == 1 {
-            let steps = first.saturating_sub(1)..first + count - 1;
-            if bare {
-                respond(simd, subsystems, trajectory, intervals, steps);
-            } else {
-                // no closure: it would not have the processor's features that the loop is compiled for
-                for subsystem in subsystems.iter_mut() {
-                    subsystem.advance(simd, &trajectory.drive, intervals, steps.clone());
+        let (q, length) = (layout.outputs.len(), layout.length);
+        // the first sample has no step before it
+        let after = usize::from(first > 0);
+        let (samples, steps) = (first..first + count, first.saturating_sub(1)..first + count - 1);
+        // no closures for what uses vectors: they would not have the processor's features that the loops are compiled for
+        if let Some(values) = values {
+            before[0].copy_from_slice(values.states());
+            let q = if linear { q } else { 0 };
+            if per == 1 {
+                if first == 0 && linear {
+                    values.show(&mut y[..q]);
                 }
+                values.advance(simd, drive, (intervals, steps), &mut y[(1 - after) * q..][..(count - 1 + after) * q]);
+                values.observe(simd, drive, samples, Some(after), y);
+                return count;
             }
+            for sample in samples {
+                let (mut from, end) = (sample.saturating_sub(1) * per, sample * per);
+                while from < end {
+                    let to = end.min(from + *block);
+                    values.advance(simd, drive, (intervals, from..to), &mut []);
+                    from = to;
+                }
+                let y = &mut y[(sample - first) * q..][..q];
+                values.show(y);
+                values.observe(simd, drive, sample..sample + 1, None, y);
+            }
+            return count;
+        }
+        subsystems.iter().zip(before).for_each(|(subsystem, before)| before.copy_from_slice(subsystem.states()));
+        if per == 1 && linear {
             for subsystem in subsystems {
-                place.show(subsystem, count, after);
-                place.observe(simd, subsystem, &trajectory.drive, first..first + count, after);
+                let place = (&mut rows[(1 - after) * length..], length);
+                subsystem.advance(simd, drive, (intervals, steps.clone()), Some(place));
+                subsystem.observe(simd, drive, samples.clone(), (&mut rows[length..], length));
             }
+            spread(layout, twins, y, &mut rows[length..]);
             return count;
         }
         for subsystem in subsystems {
@@ -430,13 +388,19 @@ impl Discrete {
                 let (mut from, end) = (sample.saturating_sub(1) * per, sample * per);
                 while from < end {
                     let to = end.min(from + *block);
-                    subsystem.advance(simd, &trajectory.drive, intervals, from..to);
+                    subsystem.advance(simd, drive, (intervals, from..to), None);
                     from = to;
                 }
-                let mut place = place.only(at);
-                place.show(subsystem, 1, subsystem.present());
-                place.observe(simd, subsystem, &trajectory.drive, sample..sample + 1, subsystem.present());
+                if !linear {
+                    continue;
+                }
+                let rows = &mut rows[(at + 1) * length..][..length];
+                copy_vectors(subsystem.states(), &mut rows[subsystem.start..][..subsystem.size()]);
+                subsystem.observe(simd, drive, sample..sample + 1, (rows, length));
             }
+        }
+        if linear {
+            spread(layout, twins, y, &mut rows[length..]);
         }
         count
     }
@@ -463,12 +427,14 @@ impl Discrete {
     }
 
     fn observe_in_general(&mut self, trajectory: &mut Trajectory<'_>, sample: usize) -> Result<(), Divergence> {
-        let Self { subsystems, general: Some(general), gathering, .. } = self else { return Ok(()) };
+        let Self { subsystems, general: Some(general), gathering, values, .. } = self else { return Ok(()) };
         general.s.fill(0.0);
-        for (subsystem, lane_of) in subsystems.iter().zip(&general.lane_of) {
-            let present = subsystem.present();
+        for (k, (subsystem, lane_of)) in subsystems.iter().zip(&general.lane_of).enumerate() {
             for (i, state) in subsystem.part.states.iter().enumerate() {
-                trajectory.nodes[0][*state] = subsystem.value(present, i);
+                trajectory.nodes[0][*state] = match values {
+                    Some(values) => values.of_subsystem(k)[i],
+                    None => subsystem.value(i),
+                };
             }
             let rows = subsystem.states().chunks_exact(subsystem.width);
             for (state, row) in subsystem.part.states.iter().zip(rows).filter(|_| !lane_of.is_empty()) {

@@ -2,11 +2,11 @@
 
 use super::equations::{Equations, Group, Part};
 use super::feed::{Reading, Term, gather, gather_samples, output_terms, step_terms};
-use super::map::{LinearMap, Response};
+use super::map::LinearMap;
 use super::transition::{Intervals, Jet, Method, Transition};
 use crate::dynamics::Layout;
 use crate::simulate::drive::DriveTable;
-use fdm_numeric::lanes::{Aligned, Simd, VECTOR, WithSimd};
+use fdm_numeric::lanes::{Aligned, Simd, VECTOR, WithSimd, copy_vectors};
 use std::ops::Range;
 
 /// Steps that are worked off together: as many as leave room in the cache nearest to the processor.
@@ -17,6 +17,8 @@ pub(super) fn steps_of_a_block(numbers_per_step: usize) -> usize {
 /// A subsystem at work.
 pub(super) struct Subsystem {
     pub(super) part: Part,
+    /// The first of its rows within those of a sample.
+    pub(super) start: usize,
     /// For each lane of a parameter its position among the columns, and the parameter.
     pub(super) columns: Vec<(u32, usize)>,
     /// Lanes of a row, and the lane of the states themselves.
@@ -25,8 +27,8 @@ pub(super) struct Subsystem {
     terms: Vec<Term>,
     output_terms: Vec<Term>,
     /// For each length of a step.
-    steps: Vec<LinearMap>,
-    observe: LinearMap,
+    pub(super) steps: Vec<LinearMap>,
+    pub(super) observe: LinearMap,
     transition: Transition,
     a: Jet,
     /// Coefficients of the drives and the constant; of the states too for outputs.
@@ -35,12 +37,7 @@ pub(super) struct Subsystem {
     by_weight: [Jet; 3],
     /// Whether there are no constants: the last number of the feed is then not read.
     homogeneous: bool,
-    /// Without parameters: the states stand in lanes themselves.
-    response: Option<Response>,
-    /// And so do the outputs that are not states.
-    observed: Response,
-    /// From one state of a slot to the next, and from slot to slot.
-    apart: usize,
+    /// Numbers of a slot.
     size: usize,
     /// States with their sensitivities, rows of lanes: before the first of some steps, and after each.
     slots: Aligned,
@@ -51,16 +48,15 @@ pub(super) struct Subsystem {
 
 impl Subsystem {
     /// `held` tells of every input whether it is held between samples; `kinds` is the number of lengths, `per` that of steps
-    /// between samples, `block` the most that are asked for at once.
+    /// between samples.
     pub(super) fn new(
         layout: &Layout,
         part: Part,
         columns: &[usize],
         held: &[bool],
-        (kinds, per, block): (usize, usize, usize),
+        (kinds, per): (usize, usize),
         drive: &DriveTable,
     ) -> Self {
-        let alone = columns.is_empty();
         let own = columns.iter().enumerate().filter(|(_, k)| part.params.contains(k));
         let columns: Vec<(u32, usize)> = own.map(|(c, k)| (c as u32, *k)).collect();
         let (n, rows, lane) = (part.states.len(), part.outputs.len(), columns.len());
@@ -69,8 +65,6 @@ impl Subsystem {
         let output_terms = output_terms(layout, &part);
         let map = |rows: usize, terms: usize| LinearMap::new(rows, n, terms, (width, lane));
         let zero = || Jet::zero(n, drives, width);
-        let response = alone.then(|| Response::new(n, n, terms.len(), kinds));
-        let (apart, size) = response.as_ref().map_or((width, n * width), |r| (1, r.width));
         Self {
             steps: (0..kinds).map(|_| map(n, terms.len())).collect(),
             observe: map(rows, output_terms.len()),
@@ -80,13 +74,11 @@ impl Subsystem {
             scaled: zero(),
             by_weight: [zero(), zero(), zero()],
             homogeneous: false,
-            observed: Response::new(rows, n, output_terms.len(), 1),
-            response,
-            apart,
-            size,
-            slots: Aligned::new((block + 1) * size),
+            size: n * width,
+            slots: Aligned::default(),
+            start: 0,
             present: 0,
-            feed: vec![0.0; (block + 1) * terms.len().max(output_terms.len())],
+            feed: Vec::new(),
             part,
             columns,
             width,
@@ -96,15 +88,16 @@ impl Subsystem {
         }
     }
 
+    /// Makes room for the most steps that are asked for at once, and for those of them whose states are kept here.
+    pub(super) fn make_room(&mut self, block: usize, kept: usize) {
+        self.slots = Aligned::new((kept + 1) * self.size);
+        self.feed = vec![0.0; (block + 1) * self.terms.len().max(self.output_terms.len())];
+    }
+
     /// The states with their sensitivities, rows of lanes.
     #[inline(always)]
     pub(super) fn states(&self) -> &[f64] {
         self.slot(self.present)
-    }
-
-    /// Which slot that is.
-    pub(super) fn present(&self) -> usize {
-        self.present
     }
 
     /// Numbers of a slot.
@@ -118,16 +111,18 @@ impl Subsystem {
         &self.slots[slot * self.size..][..self.size]
     }
 
-    /// The value of one of the states in a slot.
-    #[inline(always)]
-    pub(super) fn value(&self, slot: usize, state: usize) -> f64 {
-        self.slots[slot * self.size + state * self.apart + self.lane]
+    /// The present value of one of the states.
+    pub(super) fn value(&self, state: usize) -> f64 {
+        self.states()[state * self.width + self.lane]
     }
 
-    /// All slots from one on.
-    #[inline(always)]
-    pub(super) fn slots_from(&self, slot: usize) -> &[f64] {
-        &self.slots[slot * self.size..]
+    /// What enters a step, and what enters the outputs that are not states.
+    pub(super) fn terms(&self) -> &[Term] {
+        &self.terms
+    }
+
+    pub(super) fn output_terms(&self) -> &[Term] {
+        &self.output_terms
     }
 
     /// Goes back to states from before.
@@ -158,18 +153,12 @@ impl Subsystem {
                 product.product_of(weight, &self.scaled);
             }
             self.fill_step(kind, layout, (known, drive));
-            if let Some(response) = &mut self.response {
-                response.fill(kind, &mut self.steps[kind]);
-            }
         }
         self.fill_observe(layout, equations, known);
-        if self.response.is_some() {
-            self.observed.fill(0, &mut self.observe);
-        }
         self.present = 0;
         self.slots.fill(0.0);
         for (i, state) in self.part.states.iter().enumerate() {
-            self.slots[i * self.apart + self.lane] = known[layout.initial.start + state];
+            self.slots[i * self.width + self.lane] = known[layout.initial.start + state];
             for (k, param) in layout.patterns.initial_by_param.row(*state) {
                 if let Some(lane) = self.columns.iter().position(|(_, p)| *p == param) {
                     self.slots[i * self.width + lane] = known[layout.initial_by_param.start + k];
@@ -274,74 +263,70 @@ impl Subsystem {
         }
     }
 
-    /// Advances by some steps, at most a block: the states before them are in slot 0, those after step k in slot k + 1.
+    /// Advances by some steps, at most a block. Where no other place is given, the states before them are in slot 0, those after step k in
+    /// slot k + 1. A place is the rows of a sample before the steps and of one for each step, and how many numbers these are; the states
+    /// after all steps are the present ones here as well.
     #[inline(always)]
-    pub(super) fn advance<S: Simd>(&mut self, simd: S, drive: &DriveTable, intervals: &Intervals, steps: Range<usize>) {
-        simd.vectorize(Advance { subsystem: self, drive, intervals, steps });
+    pub(super) fn advance<S: Simd>(
+        &mut self,
+        simd: S,
+        drive: &DriveTable,
+        (intervals, steps): (&Intervals, Range<usize>),
+        place: Option<(&mut [f64], usize)>,
+    ) {
+        simd.vectorize(Advance { subsystem: self, drive, intervals, steps, place });
     }
 
     #[inline(always)]
-    fn take_steps<S: Simd>(&mut self, simd: S, drive: &DriveTable, intervals: &Intervals, steps: Range<usize>) {
-        let size = self.size;
-        self.slots.copy_within(self.present * size..(self.present + 1) * size, 0);
-        let (mut from, end) = (steps.start, steps.end);
-        while from < end {
-            let (kind, to) = intervals.alike(from, end);
-            let (map, count) = (&self.steps[kind], to - from);
-            gather(&self.terms[..map.terms], drive, from..to, &mut self.feed);
-            let slots = &mut self.slots[(from - steps.start) * size..];
-            match &self.response {
-                Some(response) => {
-                    response.begin(simd, kind, &mut slots[size..], (&self.feed, map.terms), count);
-                    for k in 0..count {
-                        response.step(simd, kind, &mut slots[k * size..(k + 2) * size], map.terms);
-                    }
-                }
-                None => map.march(simd, slots, &self.feed, count),
-            }
-            from = to;
-        }
-        self.present = end - steps.start;
-    }
-
-    /// Reads what drives some steps of the response alone, at most a block, and begins their sums; the states before them go to slot 0.
-    #[inline(always)]
-    pub(super) fn begin<S: Simd>(&mut self, simd: S, drive: &DriveTable, intervals: &Intervals, steps: Range<usize>) {
-        let Self { size, terms, slots, feed, .. } = self;
-        let size = *size;
+    fn take_steps<S: Simd>(
+        &mut self,
+        simd: S,
+        drive: &DriveTable,
+        (intervals, steps): (&Intervals, Range<usize>),
+        place: Option<(&mut [f64], usize)>,
+    ) {
+        let Self { terms, steps: maps, slots, feed, size, .. } = self;
+        let (size, elsewhere) = (*size, place.is_some());
         slots.copy_within(self.present * size..(self.present + 1) * size, 0);
-        self.present = steps.len();
-        let Some(response) = &self.response else { return };
+        self.present = if elsewhere { 0 } else { steps.len() };
+        let mut own = if elsewhere { Aligned::default() } else { std::mem::take(slots) };
+        let (rows, apart) = match place {
+            None => (&mut own[..], size),
+            Some((rows, apart)) => {
+                let rows = &mut rows[self.start..];
+                copy_vectors(&slots[..size], &mut rows[..size]);
+                (rows, apart)
+            }
+        };
         let (mut from, end) = (steps.start, steps.end);
         while from < end {
             let (kind, to) = intervals.alike(from, end);
-            let count = self.steps[kind].terms;
-            gather(&terms[..count], drive, from..to, feed);
-            response.begin(simd, kind, &mut slots[(from - steps.start + 1) * size..], (feed, count), to - from);
+            let (map, count) = (&maps[kind], to - from);
+            gather(&terms[..map.terms], drive, from..to, feed);
+            let rows = &mut rows[(from - steps.start) * apart..];
+            map.march(simd, rows, apart, feed, count);
             from = to;
         }
-    }
-
-    /// One of these steps.
-    #[inline(always)]
-    pub(super) fn respond<S: Simd>(&mut self, simd: S, kind: usize, k: usize) {
-        if let Some(response) = &self.response {
-            let (terms, size) = (self.steps[kind].terms, self.size);
-            response.step(simd, kind, &mut self.slots[k * size..(k + 2) * size], terms);
+        if elsewhere {
+            copy_vectors(&rows[(end - steps.start) * apart..][..size], &mut slots[..size]);
+        } else {
+            *slots = own;
         }
     }
 
-    /// Outputs that are not states, one row each, at some samples (at most one more than a block has) whose states stand in the
-    /// slots from `slot` on.
+    /// Rows of the outputs that are not states, at some samples (at most one more than a block has): behind those of the states, which
+    /// stand in the rows of all that are given. These have so many numbers for each sample.
     #[inline(always)]
     pub(super) fn observe<S: Simd>(
         &mut self,
         simd: S,
         drive: &DriveTable,
-        (samples, slot): (Range<usize>, usize),
-        out: &mut [f64],
+        samples: Range<usize>,
+        place: (&mut [f64], usize),
     ) {
-        simd.vectorize(Observe { subsystem: self, drive, samples, slot, out });
+        if !self.part.outputs.is_empty() {
+            simd.vectorize(Observe { subsystem: self, drive, samples, place });
+        }
     }
 
     #[inline(always)]
@@ -349,26 +334,12 @@ impl Subsystem {
         &mut self,
         simd: S,
         drive: &DriveTable,
-        (samples, slot): (Range<usize>, usize),
-        out: &mut [f64],
+        samples: Range<usize>,
+        (rows, apart): (&mut [f64], usize),
     ) {
-        let (terms, count) = (self.output_terms.len(), samples.len());
+        let count = samples.len();
         gather_samples(&self.output_terms, drive, samples, &mut self.feed);
-        let Self { observe, observed, slots, size, .. } = &*self;
-        let slots = &slots[slot * size..];
-        match &self.response {
-            None => observe.sweep(simd, slots, &self.feed, out, count),
-            Some(_) => {
-                observed.begin(simd, 0, out, (&self.feed, terms), count);
-                observed.observe(simd, (slots, *size), terms, out, count);
-            }
-        }
-    }
-
-    /// Numbers of the outputs of a sample that are not states, without sensitivities: a lane for each.
-    #[inline(always)]
-    pub(super) fn output_lanes(&self) -> usize {
-        self.observed.width
+        self.observe.sweep(simd, &mut rows[self.start..], apart, &self.feed, count);
     }
 }
 
@@ -378,6 +349,7 @@ struct Advance<'m> {
     drive: &'m DriveTable,
     intervals: &'m Intervals,
     steps: Range<usize>,
+    place: Option<(&'m mut [f64], usize)>,
 }
 
 impl WithSimd for Advance<'_> {
@@ -385,7 +357,7 @@ impl WithSimd for Advance<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        self.subsystem.take_steps(simd, self.drive, self.intervals, self.steps);
+        self.subsystem.take_steps(simd, self.drive, (self.intervals, self.steps), self.place);
     }
 }
 
@@ -394,8 +366,7 @@ struct Observe<'m> {
     subsystem: &'m mut Subsystem,
     drive: &'m DriveTable,
     samples: Range<usize>,
-    slot: usize,
-    out: &'m mut [f64],
+    place: (&'m mut [f64], usize),
 }
 
 impl WithSimd for Observe<'_> {
@@ -403,7 +374,7 @@ impl WithSimd for Observe<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        self.subsystem.take_outputs(simd, self.drive, (self.samples, self.slot), self.out);
+        self.subsystem.take_outputs(simd, self.drive, self.samples, self.place);
     }
 }
 
