@@ -245,52 +245,51 @@ impl ForwardStep<'_> {
         let mut look = |point: (usize, bool), starts: Vec<Vec<f64>>| {
             let cost = prepared.look(&starts);
             looks.extend(cost.map(|cost| Look { cost, point, starts }));
-            cost
+            cost.unwrap_or(f64::INFINITY)
         };
-        // better than without the effect
-        let gain = |cost: Option<f64>| cost.is_some_and(|cost| cost < base.cost);
         for (k, prediction) in predictions.iter().enumerate() {
             let point = &trace.points[prediction.point];
             let values = point.at(prediction.amount, attached.params());
             // with what the fitted parameters had made up for, and without: a large effect is not linear
-            let mut gains = false;
+            let mut least = f64::INFINITY;
             for share in [prediction.amount, 0.0] {
-                gains |= gain(look(
-                    (k, false),
-                    self.starts(attached, base, &values, (&prediction.added.compensation, share)),
-                ));
+                let starts = self.starts(attached, base, &values, (&prediction.added.compensation, share));
+                least = least.min(look((k, false), starts));
             }
             // a derivative that says so much is believed less far: a model without the effect is never better than the best with it
             let mut amount = prediction.amount;
-            for _ in 0..if point.is_linear() && !gains { NEARER } else { 0 } {
+            for _ in 0..if point.is_linear() && least >= base.cost { NEARER } else { 0 } {
                 amount *= PART;
                 let values = point.at(amount, attached.params());
                 let starts = self.starts(attached, base, &values, (&prediction.added.compensation, amount));
-                if gain(look((k, false), starts)) {
+                if look((k, false), starts) < base.cost {
                     break;
                 }
             }
             // where it was simulated: a finite effect is not proportional, and less of a limit is not a limit that is further away
             if !point.is_linear() {
                 for share in [1.0, 0.0] {
-                    gains |= gain(look(
-                        (k, false),
-                        self.starts(attached, base, &point.values, (&prediction.added.compensation, share)),
-                    ));
+                    let starts = self.starts(attached, base, &point.values, (&prediction.added.compensation, share));
+                    least = least.min(look((k, false), starts));
                 }
             }
             // a limit that cuts so much is worse than none, and one that is nowhere reached has no derivative: between them is one that
             // cuts less
-            if k == 0 && !point.is_linear() && !gains {
+            if k == 0 && !point.is_linear() {
                 let at = |values: &[f64]| self.starts(attached, base, values, (&prediction.added.compensation, 0.0));
                 let (mut acts, mut rests) = (point.values.clone(), point.at(0.0, attached.params()));
-                let Some(nothing) = look((k, false), at(&rests)) else { continue };
-                for _ in 0..HALVED {
+                let nothing = look((k, false), at(&rests));
+                let gain = EQUAL * nothing.abs();
+                for _ in 0..if least < nothing - gain { 0 } else { HALVED } {
                     let middle: Vec<f64> = acts.iter().zip(&rests).map(|(a, b)| 0.5 * (a + b)).collect();
-                    match look((k, false), at(&middle)) {
-                        Some(cost) if (cost - nothing).abs() <= EQUAL * nothing.abs() => rests = middle,
-                        cost if gain(cost) => break,
-                        _ => acts = middle,
+                    let cost = look((k, false), at(&middle));
+                    if cost < nothing - gain {
+                        break;
+                    }
+                    if (cost - nothing).abs() <= gain {
+                        rests = middle;
+                    } else {
+                        acts = middle;
                     }
                 }
             }
