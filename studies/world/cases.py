@@ -104,6 +104,14 @@ def names_of(family, effect, size, start, rivals=None, whole=0.0):
     return right
 
 
+def right_names(family, hidden, start, computed):
+    """Names that are right for each hidden effect (with its size); `computed` holds the rivals."""
+    near = computed.get("rivals_of_each") or [computed.get("rivals")] * len(hidden)
+    whole = computed.get("gains_without_noise") or [computed.get("gain_without_noise", 0.0)] * len(hidden)
+    named = zip(hidden, near, whole)
+    return [names_of(family, e, s, start, rivals, gain) for (e, s), rivals, gain in named if e.kind in NAMES]
+
+
 class Bench:
     """A family with true numbers, manoeuvres, noise and a kind of start: all of a case but what is hidden."""
 
@@ -240,21 +248,18 @@ def searched(bench, effect, largest, target):
     gains = np.where(np.isfinite(gains), gains, -1)
     above = np.flatnonzero(gains >= target)
     if not len(above) or above[0] == 0:
-        return None, off, records
+        return None
     k = above[0]
     at = np.interp(np.log(target), np.log(np.maximum(gains[[k - 1, k]], 1e-9)), np.log(np.abs(sizes[[k - 1, k]])))
-    return float(np.sign(largest) * np.exp(at)), off, records
+    return float(np.sign(largest) * np.exp(at))
 
 
-def rivals(bench, effect, size, off, records):
-    """How much of the gain other effects of the family lack without noise, nats."""
-    y, _ = bench.simulate([(effect, np.array([size]))])
-    truth = off(bench.direction(y, bench.clean, records))[:, 0]
-    whole = 0.5 * truth @ truth
-    found = {}
+def gains(bench, beside, off, base, records, target):
+    """What each effect of the family gains of whitened differences, beside what is in the truth already: by its best size of a grid, to first
+    order in the parameters."""
     others, columns = [], []
     for other in bench.family.effects:
-        if other.key == effect.key:
+        if any(other.key == e.key for e, _ in beside):
             continue
         one, largest = bench.prepare(other)
         grid = largest * np.geomspace(0.003, 1, 7)
@@ -262,26 +267,56 @@ def rivals(bench, effect, size, off, records):
         others.append(one)
         columns.append(grid)
     count = sum(len(c) for c in columns)
-    acting, at = [], 0
+    acting, at = [(e, np.full(count, s)) for e, s in beside], 0
     for one, grid in zip(others, columns):
-        sizes = np.zeros(count)
-        sizes[at:at + len(grid)] = grid
+        own = np.zeros(count)
+        own[at:at + len(grid)] = grid
         at += len(grid)
-        acting.append((one, sizes))
+        acting.append((one, own))
     y, _ = bench.simulate(acting)
-    d = off(bench.direction(y, bench.clean, records))
+    d = off(bench.direction(y, base, records))
     d = np.where(np.isfinite(d), d, 0)
-    at = 0
+    found, at = {}, 0
     for one, grid in zip(others, columns):
         part = d[:, at:at + len(grid)]
         at += len(grid)
         square = np.sum(part**2, axis=0) + 1e-30
         # between the sizes of the grid an effect is nearly in proportion, and below the smallest down to nothing
         lowest = np.where(np.abs(grid) == np.min(np.abs(grid)), 0.0, 0.4)
-        amount = np.clip((part.T @ truth) / square, lowest, 2.5)
-        lacks = whole - np.max(amount * (part.T @ truth) - 0.5 * amount**2 * square)
-        found[one.key] = float(lacks)
-    return found, float(whole)
+        amount = np.clip((part.T @ target) / square, lowest, 2.5)
+        found[one.key] = float(np.max(amount * (part.T @ target) - 0.5 * amount**2 * square))
+    return found
+
+
+def beside_parameters(bench, beside):
+    """The response with some effects, its records, and a projector off what the parameters and these effects' sizes can do."""
+    runs = list(range(bench.runs))
+    y, begin = bench.simulate([(e, np.array([s])) for e, s in beside])
+    records = bench.records(bench.clean, runs)
+    at = Point(dict(bench.truth), [s for _, s in beside], begin[:, runs, 0])
+    _, J = bench.oracle([e for e, _ in beside], runs).linear(at, records)
+    return y[..., 0], records, complement(J)
+
+
+def rivals(bench, effects, sizes, which=0):
+    """How much of the gain of one effect other effects of the family lack in its place without noise, and that gain, nats.
+
+    What else is hidden stays there, and its size is fitted as the parameters are.
+    """
+    hidden = list(zip(effects, sizes))
+    beside = [own for k, own in enumerate(hidden) if k != which]
+    base, records, off = beside_parameters(bench, beside)
+    y, _ = bench.simulate([(e, np.array([s])) for e, s in hidden])
+    truth = off(bench.direction(y, base, records))[:, 0]
+    whole = float(0.5 * truth @ truth)
+    found = gains(bench, beside, off, base, records, truth)
+    found.pop(effects[which].key, None)
+    return {key: whole - gain for key, gain in found.items()}, whole
+
+
+def near(found):
+    """Rivals that lack little, the nearest first."""
+    return dict(sorted(((k, v) for k, v in found.items() if v < NEAR), key=lambda kv: kv[1]))
 
 
 def made(name, kind, number, folder):
@@ -303,7 +338,7 @@ def made(name, kind, number, folder):
             target = float(np.exp(rng.uniform(*np.log(BANDS[band]))))
             effect, largest = bench.prepare(effect)
             largest *= effect.sign or rng.choice([-1, 1])
-            size, off, records = searched(bench, effect, largest, target)
+            size = searched(bench, effect, largest, target)
             if size is None or not np.isfinite(size):
                 continue
             effects, sizes = [effect], [float(size)]
@@ -311,7 +346,7 @@ def made(name, kind, number, folder):
             for k in rng.permutation(len(family.effects)):
                 effect, largest = bench.prepare(family.effects[k])
                 largest *= effect.sign or rng.choice([-1, 1])
-                size, _, _ = searched(bench, effect, largest, float(np.exp(rng.uniform(np.log(25), np.log(300)))))
+                size = searched(bench, effect, largest, float(np.exp(rng.uniform(np.log(25), np.log(300)))))
                 clash = any(e.place == effect.place and {e.kind, effect.kind} <= set(INPUT) | set(OUTPUT) for e in effects)
                 if size is not None and np.isfinite(size) and not clash:
                     effects.append(effect)
@@ -329,7 +364,7 @@ def made(name, kind, number, folder):
                     np.std(y[:, o, :, 0] - bench.clean[:, o]) / n.size for o, n in enumerate(bench.noises))
                 effects, sizes = [effect], [float(0.05 * largest * np.exp(rng.uniform(np.log(2.5), np.log(8))) / ratio)]
             else:
-                size, off, records = searched(bench, effect, largest, float(np.exp(rng.uniform(np.log(40), np.log(800)))))
+                size = searched(bench, effect, largest, float(np.exp(rng.uniform(np.log(40), np.log(800)))))
                 if size is None:
                     continue
                 effects, sizes = [effect], [size]
@@ -351,9 +386,11 @@ def made(name, kind, number, folder):
         if kind == "pair" and min(costs["without 0"], costs["without 1"]) - costs["true"] < 10:
             continue
         if kind == "single":
-            lacks, whole = rivals(bench, effects[0], sizes[0], off, records)
-            near = dict(sorted(((k, v) for k, v in lacks.items() if v < NEAR), key=lambda kv: kv[1]))
-            extra = {"rivals": near, "gain_without_noise": whole}
+            lacks, whole = rivals(bench, effects, sizes)
+            extra = {"rivals": near(lacks), "gain_without_noise": whole}
+        if kind == "pair":
+            found = [rivals(bench, effects, sizes, j) for j in range(2)]
+            extra = {"rivals_of_each": [near(lacks) for lacks, _ in found], "gains_without_noise": [whole for _, whole in found]}
         break
     else:
         return None
@@ -368,9 +405,7 @@ def made(name, kind, number, folder):
         rows = np.column_stack([bench.time, bench.inputs[:, :, r], measured[:, :, r]])
         np.savetxt(where / file, rows, delimiter=",", header=",".join(head), comments="", fmt="%.12g")
     np.save(where / "clean.npy", y)
-    right = [
-        names_of(family, e, s, bench.start, extra.get("rivals"), extra.get("gain_without_noise", 0.0))
-        for e, s in zip(effects, sizes) if e.kind in NAMES]
+    right = right_names(family, list(zip(effects, sizes)), bench.start, extra)
     truth = {
         "case": where.name, "family": name, "apart": family.apart, "kind": kind, "attempt": attempt,
         "hidden": [{"kind": e.kind, "place": e.place, "other": e.other, "size": s, "fixed": e.fixed} for e, s in zip(effects, sizes)],
@@ -393,8 +428,7 @@ def renamed(path):
     truth = json.loads(path.read_text())
     family = FAMILIES[truth["family"]]
     effects = [(Hidden(h["kind"], h["place"], h["other"], fixed=h["fixed"]), h["size"]) for h in truth["hidden"]]
-    rivals, whole = truth.get("rivals"), truth.get("gain_without_noise", 0.0)
-    truth["right"] = [names_of(family, e, s, truth["start"], rivals, whole) for e, s in effects if e.kind in NAMES]
+    truth["right"] = right_names(family, effects, truth["start"], truth)
     path.write_text(json.dumps(truth, indent=1, default=float))
 
 

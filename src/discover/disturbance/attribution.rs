@@ -70,6 +70,13 @@ pub struct Attribution {
     pub law: Option<Law>,
 }
 
+impl Attribution {
+    /// Whether the effects are believed beside the disturbance, penalties counted.
+    pub(crate) fn beside_disturbance(&self) -> bool {
+        self.by_both.is_some_and(|both| both > self.by_disturbance + BELIEVED)
+    }
+}
+
 /// An unmodelled nonlinearity drawn over the variable that it is a function of.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 pub struct Law {

@@ -82,6 +82,12 @@ impl BinnedRun {
         self.frequency.partition_point(|f| *f <= frequency)
     }
 
+    /// Number of bins that a response holds whose band ends at a frequency. Over uneven noise that is all of them: weights have kinks, and what is
+    /// a combination of fitted sensitivities must be one in all of their bins.
+    pub(super) fn reached(&self, frequency: f64) -> usize {
+        if self.uneven { self.frequency.len() } else { self.below(frequency) }
+    }
+
     /// The low bins of what a signal (N) in the record of one output does to all of them.
     pub(super) fn sensed(&self, cosines: &mut Cosines, signal: &[f64], channel: usize, low: usize) -> Vec<Vec<f64>> {
         let q = self.channels();
@@ -129,13 +135,15 @@ impl BinnedRun {
     }
 }
 
-/// Samples of one output by the weights of its noise.
+/// Samples of one output by the weights of its noise. Centred they are beside a constant, by the same weights: what a plain mean leaves of it
+/// would have the shape of the weights, a function of the signal, and be taken for a law.
 fn weighed(weight: &[f64], centred: bool, (channel, q): (usize, usize), value: impl Fn(usize) -> f64) -> Vec<f64> {
     let own = || weight.iter().skip(channel).step_by(q).enumerate();
     let mean = if centred {
-        let (sum, count) =
-            own().filter(|(_, w)| **w > 0.0).fold((0.0, 0.0), |(sum, count), (k, _)| (sum + value(k), count + 1.0));
-        if count > 0.0 { sum / count } else { 0.0 }
+        let present = own().filter(|(_, w)| **w > 0.0);
+        let (sum, squares) =
+            present.fold((0.0, 0.0), |(sum, squares), (k, w)| (sum + w * w * value(k), squares + w * w));
+        if squares > 0.0 { sum / squares } else { 0.0 }
     } else {
         0.0
     };

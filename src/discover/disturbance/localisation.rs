@@ -220,7 +220,7 @@ impl Knots {
         let count = wanted.clamp(FEWEST, MOST.min(binned.samples / 3).max(FEWEST));
         let spacing = length / (count - 1) as f64;
         let times = (0..count).map(|k| k as f64 * spacing).collect();
-        Self { times, low: binned.below(1.0 / spacing), spacing }
+        Self { times, low: binned.reached(1.0 / spacing), spacing }
     }
 
     /// Every hat at the samples.

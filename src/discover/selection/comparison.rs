@@ -13,7 +13,7 @@ use super::fitted_model::{records, shared_from};
 use super::fitting::{FitProblem, Fitting};
 use super::forward_step::{ForwardStep, weigh};
 use super::predictor::{Predictor, responses};
-use super::projection::Projection;
+use super::projection::{Projection, cosine};
 use super::runs::Progress;
 use super::shortlist::UnlikelyNoise;
 use super::whitening::{CommonNoise, ExcessNoise};
@@ -35,6 +35,11 @@ const BEHIND: f64 = 40.0;
 const PART: f64 = 0.25;
 /// Candidate models whose score is this near to the best are fitted from other starts too.
 const CLOSE: f64 = 10.0;
+/// Cosine from which two candidates are alike.
+pub(super) const ALIKE: f64 = 0.97;
+/// Candidates among which likenesses are looked for, and how many of these are fitted.
+const AMONG: usize = 64;
+const MOST_ALIKE: usize = 8;
 /// Candidate models of which the best is found before a noise is.
 const LEADERS: usize = 3;
 /// Family-wise chance, by what screening predicts or by how unlikely the residual is as noise, below which the best candidates are fitted,
@@ -88,16 +93,22 @@ impl ForwardStep<'_> {
             Projection::new(&self.records, self.runs.train(), &self.current.predictors, self.current.outputs(), &noise);
         let ranked = self.ranked_by_predicted_gain(&projection);
         let unlikely = self.unlikely_as_noise(&projection, &ranked).filter(|u| u.chance < DOUBTFUL);
-        let mut chosen = self.chosen(count, ranked, (&projection, &noise, &base));
+        let mut chosen = self.chosen(count, ranked.clone(), (&projection, &noise, &base));
         chosen.extend(unlikely.map(|u| u.candidate).filter(|t| !chosen.contains(t)));
         progress(&format!("fitting the best {} of {} candidates", chosen.len(), self.simulated.len()));
         let fitted = |t: &usize| self.may_go_on().ok().and_then(|()| self.candidate(*t, &projection, &noise, &base));
         let mut models: Vec<CandidateModel> = chosen.par_iter().filter_map(fitted).collect();
-        drop(projection);
         self.may_go_on()?;
         sort(&mut models);
         let leaders = models.len().min(LEADERS);
         models[..leaders].par_iter_mut().for_each(|c| c.finish(self, &noise, &base));
+        self.may_go_on()?;
+        sort(&mut models);
+        let mut alike: Vec<CandidateModel> =
+            self.alike(&models, &ranked, &projection).par_iter().filter_map(fitted).collect();
+        alike.par_iter_mut().for_each(|c| c.finish(self, &noise, &base));
+        models.extend(alike);
+        drop(projection);
         self.may_go_on()?;
         sort(&mut models);
         let likeliest = self.likeliest(&models);
@@ -139,6 +150,34 @@ impl ForwardStep<'_> {
         sort(&mut models);
         let elsewhere = self.elsewhere(&models, &noise, &base);
         Ok(Comparison { noise, base_validation, unlikely, models, far, elsewhere })
+    }
+
+    /// Candidates that were not chosen to be fitted, though what they add is what one of the good ones adds, and they cost no more: its group is
+    /// known only with them.
+    /// Where much is missing a finite effect predicts more than its derivative, a dead zone of an input of one sign more than a constant force.
+    fn alike(&self, models: &[CandidateModel], ranked: &[(f64, usize)], projection: &Projection) -> Vec<usize> {
+        let least = models.first().map_or(0.0, |best| PART * best.gain);
+        // where the fit has ended: a width that was tried may be far from it
+        let added = |c: &CandidateModel| -> Option<(f64, Vec<f64>)> {
+            let answers = responses(&c.model, self.runs.train(), &c.predictors[..self.runs.train], &c.fitting.theta)?;
+            let left: Vec<Vec<f64>> = self.left_by(&c.predictors, &answers);
+            Some((c.penalty(), projection.explained(&left.iter().map(Vec::as_slice).collect::<Vec<_>>())))
+        };
+        let good: Vec<(f64, Vec<f64>)> = models.par_iter().filter(|c| c.gain > least).filter_map(added).collect();
+        let fitted = |t: &usize| models.iter().any(|c| c.candidate == *t);
+        let others: Vec<usize> = ranked.iter().map(|(_, t)| *t).filter(|t| !fitted(t)).take(AMONG).collect();
+        let is_alike = |t: &&usize| {
+            let own = self.predictions(**t, projection).into_iter().next();
+            let penalty = self.penalty(**t);
+            let like =
+                |own: &[f64], (cost, added): &(f64, Vec<f64>)| penalty <= *cost && cosine(own, added).abs() > ALIKE;
+            own.is_some_and(|own| good.iter().any(|good| like(&own.added.direction, good)))
+        };
+        let mut alike: Vec<usize> = others.par_iter().filter(is_alike).copied().collect();
+        // the first of the catalogue are the simplest
+        alike.sort_unstable();
+        alike.truncate(MOST_ALIKE);
+        alike
     }
 
     /// Whether something may be there: by what screening predicts, or as the residual is likelier as noise without a candidate.
@@ -208,6 +247,14 @@ impl ForwardStep<'_> {
         found.unwrap_or_default()
     }
 
+    /// What responses to the training runs leave of them.
+    pub(super) fn left_by(&self, predictors: &[Predictor], answers: &[Signals]) -> Vec<Signals> {
+        let left = |((predictor, run), y): ((&Predictor, &Run), &Signals)| -> Signals {
+            predictor.measured(run).iter().zip(y).map(|(z, y)| z - y).collect()
+        };
+        predictors.iter().zip(self.runs.train()).zip(answers).map(left).collect()
+    }
+
     /// The candidate model that leaves what is likeliest as noise of any smooth spectrum, where that is not the best one, by far: where the model
     /// is far off, its error passes for noise, by which gains say little.
     fn likeliest(&self, models: &[CandidateModel]) -> Option<usize> {
@@ -215,10 +262,7 @@ impl ForwardStep<'_> {
         let train = self.runs.train;
         let of = |c: &CandidateModel| -> Option<f64> {
             let answers = responses(&c.model, self.runs.train(), &c.predictors[..train], &c.fitting.theta)?;
-            let left = |((predictor, run), y): ((&Predictor, &Run), &Signals)| -> Signals {
-                predictor.measured(run).iter().zip(y).map(|(z, y)| z - y).collect()
-            };
-            let left: Vec<Signals> = c.predictors.iter().zip(self.runs.train()).zip(&answers).map(left).collect();
+            let left = self.left_by(&c.predictors, &answers);
             Some(self.likelihood(&left) - c.penalty())
         };
         let all: Vec<Option<f64>> = models.par_iter().map(of).collect();

@@ -8,6 +8,7 @@
 //! three that it has, so nearly that nothing is left which would tell of it. That they meet in one place is what can be told.
 
 use super::acceptance::{below_null, separating, value_of};
+use super::comparison::ALIKE;
 use super::error::DiagnosisError;
 use super::extended_model::{AttachedEffect, SignalScales, grown, place, written};
 use super::fitted_model::{FittedModel, split_fit};
@@ -225,9 +226,16 @@ pub(super) fn revise(
         let close = tried.iter().filter(|t| t.score > best - BELIEVED);
         group.extend(close.map(|t| alternative(place(&t.candidate), t.score, t.gain)));
         group.sort_by(|a, b| b.score.total_cmp(&a.score));
-        if group.is_empty() {
-            continue;
-        }
+        let Some(most) = group.first().map(|first| first.score) else { continue };
+        // a likeness that was not tried again is one beside the others as well
+        let asked = |other: &EffectAt| {
+            let near = accepted[k].near.iter().any(|near| place(&near.0) == *other);
+            near || accepted.iter().any(|a| a.cause.place == *other)
+        };
+        let likenesses = accepted[k].cause.group.iter().filter(|r| r.cosine > ALIKE && r.score > most - BELIEVED);
+        let likenesses = likenesses.filter(|r| !asked(&r.place)).cloned();
+        group.extend(likenesses.map(|r| Alternative { score: r.score.min(most), ..r }));
+        group[1..].sort_by(|a, b| b.score.total_cmp(&a.score));
         let separating_experiment = group.get(1).map(|other| separating(&group[0].place, &other.place));
         let change = accepted[k].cause.place != group[0].place;
         let cause = &mut accepted[k].cause;

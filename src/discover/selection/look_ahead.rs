@@ -8,7 +8,7 @@
 use super::acceptance::below_null;
 use super::best_subsets::{Columns, Subset};
 use super::candidate_model::{CandidateModel, Prediction};
-use super::comparison::{Comparison, EQUAL};
+use super::comparison::{ALIKE, Comparison, EQUAL};
 use super::directions::TrialPoint;
 use super::elimination::rebuilt;
 use super::error::DiagnosisError;
@@ -28,8 +28,6 @@ use std::sync::Arc;
 const BEGINNINGS: usize = 3;
 /// Part of the best score that such a candidate model has.
 const ALTERNATIVE: f64 = 0.25;
-/// Cosine above which two candidate models are one beginning.
-const ALIKE: f64 = 0.97;
 /// Cosine above which two of equal scores say the same.
 const SAME: f64 = 0.9999;
 /// Partners of a beginning that are fitted with it, and those among which the best two are looked for.
@@ -240,10 +238,7 @@ impl ForwardStep<'_> {
         let beginning = |k: &usize| -> Option<Beginning<'_>> {
             let own = &comparison.models[*k];
             let answers = responses(&own.model, runs, &own.predictors[..self.runs.train], &own.fitting.theta)?;
-            let left = runs.iter().zip(&own.predictors).zip(&answers).map(|((run, predictor), y)| -> Vec<f64> {
-                predictor.measured(run).iter().zip(y).map(|(z, y)| z - y).collect()
-            });
-            let left: Vec<Vec<f64>> = left.collect();
+            let left = self.left_by(&own.predictors, &answers);
             let parts: Vec<&[f64]> = left.iter().map(Vec::as_slice).collect();
             let left = projection.added(&parts).direction;
             let added = self.predictions(own.candidate, &projection).into_iter().next()?.added.direction;

@@ -72,6 +72,12 @@ impl Projection {
         dot(direction, &self.residual)
     }
 
+    /// What a model has explained that leaves this much (one part for each run) of the residual, beside what is fitted.
+    pub(super) fn explained(&self, left: &[&[f64]]) -> Vec<f64> {
+        let left = self.added(left).direction;
+        self.residual.iter().zip(&left).map(|(r, l)| r - l).collect()
+    }
+
     /// Twice the gain that a projected direction predicts, and the multiple of it that does.
     pub(super) fn predicted_gain(&self, direction: &[f64], point: &TrialPoint) -> (f64, f64) {
         let (z, g) = (dot(direction, &self.residual), dot(direction, direction));

@@ -103,7 +103,7 @@ pub(in super::super) fn nonlinearities(
     let low = REACH * null_model.band;
     let places = places(model);
     let forced_response = ForcedResponse::new(model, &places);
-    let rows: usize = binned_runs.iter().map(|s| q * s.below(low)).sum();
+    let rows: usize = binned_runs.iter().map(|s| q * s.reached(low)).sum();
     let most = (ROOM / (rows * places.len().max(1)).max(1)).clamp(FEWEST, MOST);
     let variables = variables(model, &forced_response, fitted_runs)?;
     let Some(all) = functions(&variables, most) else {
@@ -223,7 +223,7 @@ fn responses(
 ) -> Result<Vec<Vec<CourseResponses>>, DisturbanceError> {
     let one = |run: usize| -> Result<Vec<CourseResponses>, DisturbanceError> {
         let (binned, own) = (&binned_runs[run], &courses[run]);
-        let low = binned.below(low);
+        let low = binned.reached(low);
         let mut found = vec![vec![DMatrix::zeros(low, own.len()); binned.channels()]; places];
         let mut cosines = Cosines::new(binned.samples);
         forced_response.respond(run, fitted_runs[run], own, &mut |place, course, response| {
@@ -247,7 +247,7 @@ fn in_sensors(binned_runs: &[BinnedRun], courses: &[Vec<Vec<f64>>], low: f64) ->
     let q = binned_runs[0].channels();
     let one = |sensor: usize| {
         let of = |(binned, courses): (&BinnedRun, &Vec<Vec<f64>>)| -> CourseResponses {
-            let low = binned.below(low);
+            let low = binned.reached(low);
             let mut cosines = Cosines::new(binned.samples);
             let mut own = vec![DMatrix::zeros(low, courses.len()); q];
             for (k, course) in courses.iter().enumerate() {

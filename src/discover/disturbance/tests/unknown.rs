@@ -110,3 +110,46 @@ fn noise_that_sensors_share_is_no_force() {
     assert!(places.evidence() < 3.0 && nonlinearities.evidence() < 3.0, "{:?} {nonlinearities:?}", places.disturbances);
     assert_eq!((found.verdict, found.warnings.len()), (Origin::Nothing, 0));
 }
+
+/// A block of metal that is heated, far above zero, and the sensor on it.
+const VESSEL: &str = "model vessel {
+  input heater;
+  param P = 45, UA = 0.6, Us = 0.2, Cs = 9, begin = 330;
+  state Th = begin, Ts = begin;
+  95*der(Th) = P*heater - UA*(Th - 293) - Us*(Th - Ts);
+  Cs*der(Ts) = Us*(Th - Ts);
+  output block = Th;
+  output sensor = Ts;
+}";
+
+#[test]
+fn noise_that_grows_with_its_signal_is_no_law() {
+    let model = Model::from_text("vessel.fdm", VESSEL).unwrap();
+    let (n, q, interval) = (SHORT, 2, 6.0);
+    for seed in 0..6 {
+        let mut normal = Normal(Stream::seeded(500 + seed));
+        let mut deviations = Vec::new();
+        let runs: Vec<Run> = (0..2)
+            .map(|run| {
+                let heater = input(n, interval, 3 * run, 60.0).into_iter().map(|u| 0.6 + 8.0 * u).collect();
+                let mut own = record(run, n, interval, heater, 1, q);
+                let mut y = vec![0.0; n * q];
+                let mut simulator = Simulator::new(model.dynamics(), &own, 4).unwrap();
+                simulator.simulate(&model.definition().start(), &mut y).unwrap();
+                let column = |c: usize| y.iter().skip(c).step_by(q).copied();
+                let centre: Vec<f64> = (0..q).map(|c| column(c).sum::<f64>() / n as f64).collect();
+                let away = |c: usize| (column(c).map(|v| (v - centre[c]).powi(2)).sum::<f64>() / n as f64).sqrt();
+                let away: Vec<f64> = (0..q).map(away).collect();
+                let grown = |(k, v): (usize, &f64)| 0.3 + 0.8 * (v - centre[k % q]).abs() / away[k % q];
+                let each: Vec<f64> = y.iter().enumerate().map(grown).collect();
+                own.measured = y.iter().zip(&each).map(|(y, size)| y + 0.5 * size * normal.next()).collect();
+                deviations.push(each);
+                own
+            })
+            .collect();
+        let mut case = Case::fitted(&model, runs);
+        case.records.iter_mut().zip(deviations).for_each(|(record, each)| record.deviations = Some(each));
+        let (heard, found) = attributed(&case);
+        assert_eq!(found.verdict, Origin::Nothing, "{seed}: {:?} {found:?}", heard.nonlinearities);
+    }
+}

@@ -1,0 +1,78 @@
+"""What a judge who knows the noise and every effect of the family would name: how far the figures of score.py can go.
+
+    python3 studies/world/ceiling.py CASES
+
+For each case with one effect: the gain of every effect of its family in all records of the case, by the covariance that the noise was drawn
+with, to first order in the parameters. Nobody who has records only can know as much: the noise has to be found, and the catalogue has five
+times as many candidates. The judge names the effect that gains most, and believes it where a chance of 0.01 among all is passed.
+"""
+
+import argparse
+import json
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+from cases import NAMES, Bench, beside_parameters, gains
+from families import FAMILIES
+from motion import Hidden
+from noises import COLOURS
+from score import STEADY, matches
+
+# nats behind the best that are still its group: odds of 100 : 1
+GROUP = 4.6
+CHANCE = 0.01
+
+
+def judged(path):
+    """Gain of the best, whether a right name is the best one, and whether one is in its group."""
+    truth = json.loads(path.read_text())
+    family, number = FAMILIES[truth["family"]], int(truth["case"].rsplit("-", 1)[1])
+    rng = np.random.default_rng([zlib.crc32(f"{family.name} single {number}".encode()), truth["attempt"]])
+    runs = int(rng.choice([1, 2, 2, 3, 4]))
+    validation = int(rng.random() < 0.6)
+    bench = Bench(family, rng, runs, validation, COLOURS[number % len(COLOURS)])
+    hidden = [(Hidden(h["kind"], h["place"], h["other"], fixed=h["fixed"]), h["size"]) for h in truth["hidden"]]
+    y, _ = bench.simulate([(e, np.array([s])) for e, s in hidden])
+    measured = bench.noisy(y[..., 0])
+    record = np.loadtxt(path.parent / "run_1.csv", delimiter=",", skiprows=1)
+    assert np.allclose(record[:, 1 + len(family.inputs):], measured[:, :, 0], rtol=1e-9, atol=1e-9), truth["case"]
+    bench.runs += bench.validation
+    base, records, off = beside_parameters(bench, [])
+    found = gains(bench, [], off, base, records, off(bench.direction(measured[..., None], base, records))[:, 0])
+
+    def right(effect):
+        places = [effect.place] + [effect.other] * (effect.other != "" and effect.kind != "reverse")
+        return any(matches(truth["right"][0], {"effect": n, "targets": places}) for n in NAMES.get(effect.kind, [effect.kind]))
+
+    own = max(gain for key, gain in found.items() if right(next(e for e in family.effects if e.key == key)))
+    best = max(found.values())
+    believed = best > np.log(len(found) / CHANCE)
+    return truth, bool(believed and own == best), bool(believed and own > best - GROUP)
+
+
+def main():
+    ask = argparse.ArgumentParser()
+    ask.add_argument("cases", type=Path, nargs="+")
+    rows = [judged(p) for folder in ask.parse_args().cases for p in sorted(folder.glob("*-single-*/truth.json"))]
+    strong = [r for r in rows if r[0]["gain"] >= 15]
+    weak = [r for r in rows if r[0]["gain"] < 15]
+    steady = [r for r in strong if r[0]["hidden"][0]["kind"] in STEADY]
+
+    def share(rows, column):
+        return f"{np.mean([r[column] for r in rows]):.2f} ({sum(r[column] for r in rows)} of {len(rows)})" if rows else "-"
+
+    print("| a judge who knows noise and family | |")
+    print("|---|---|")
+    print(f"| gain above 15: named first | {share(strong, 1)} |")
+    print(f"| gain above 15: in the group | {share(strong, 2)} |")
+    print(f"| gain 5 to 15: in the group | {share(weak, 2)} |")
+    print(f"| constant forces, offsets, drifts: in the group | {share(steady, 2)} |")
+    for truth, first, group in strong:
+        if not first:
+            print(f"- `{truth['case']}` {truth['hidden'][0]['kind']} {truth['gain']:.0f} nats, {truth['colour']}: " + ("in the group" if group else "not in the group"))
+
+
+if __name__ == "__main__":
+    main()
