@@ -192,6 +192,8 @@ struct Rival<'a> {
     written: &'a WrittenModel,
     /// What it was fitted from.
     current: &'a FittedModel,
+    /// Gains on all runs of what is written, less the penalties of its effects; less than anything where it has none.
+    score: f64,
 }
 
 /// What is known when the search ends.
@@ -722,7 +724,15 @@ impl<'a> ForwardSelection<'a> {
         if options.tables && in_time && self.may_be_curved(verdict, left) && (self.goes_on)() {
             (self.progress)("trying coefficients as tables");
             let current = last.as_deref().or(curve.as_ref());
-            let rival = written.as_ref().zip(current).map(|(written, current)| Rival { written, current });
+            let score = |written: &WrittenModel| {
+                let responses = (&first.response[..], &written.fitted.response[..]);
+                let gains = run_gains(all, train, &first.predictors, responses, noise);
+                let penalties: f64 = self.accepted.iter().map(Accepted::penalty).sum();
+                let named = !self.accepted.is_empty();
+                if named { gains.iter().map(|g| g.gain).sum::<f64>() - penalties } else { f64::NEG_INFINITY }
+            };
+            let rival = written.as_ref().zip(current);
+            let rival = rival.map(|(written, current)| Rival { written, current, score: score(written) });
             let proposed = self.proposed(&problem, rival.as_ref());
             if let Some(Proposed { table, model, beside }) = proposed {
                 if model.recommended {
@@ -823,7 +833,7 @@ impl<'a> ForwardSelection<'a> {
             model.table = Some(table.found.clone());
             model
         };
-        if let Some(Rival { written, current }) = rival.filter(|_| !self.accepted.is_empty())
+        if let Some(Rival { written, current, .. }) = rival.filter(|_| !self.accepted.is_empty())
             && let Some(table) = problem.table_in(&written.fitted)
             && problem.predicts_better(table.curve.fits(), (current, &written.fitted))
         {
@@ -844,7 +854,8 @@ impl<'a> ForwardSelection<'a> {
         self.proposed_alone(problem, rival, told)
     }
 
-    /// A table in the model as it was given, in the place of all effects.
+    /// A table in the model as it was given, in the place of all effects: a stand-in, recommended where it predicts better and is likelier with all
+    /// penalties counted.
     fn proposed_alone(
         &self,
         problem: &FrontProblem<'_>,
@@ -853,11 +864,12 @@ impl<'a> ForwardSelection<'a> {
     ) -> Option<Proposed> {
         let table = problem.table_in(problem.first)?;
         let mut model = told(&table, false);
-        let better = rival.is_none_or(|Rival { written, current }| {
-            problem.predicts_better(table.curve.fits(), (current, &written.fitted))
+        let better = rival.is_none_or(|Rival { written, current, score }| {
+            table.score > *score && problem.predicts_better(table.curve.fits(), (current, &written.fitted))
         });
         if !better && model.objection.is_none() {
-            model.objection = Some("what is recommended predicts as well, within one standard error".into());
+            model.objection =
+                Some("what is recommended predicts as well, within one standard error, or is likelier".into());
         }
         model.recommended = model.objection.is_none();
         Some(Proposed { table, model, beside: false })
