@@ -71,9 +71,11 @@ pub struct Attribution {
 }
 
 impl Attribution {
-    /// Whether the effects are believed beside the disturbance, penalties counted.
-    pub(crate) fn beside_disturbance(&self) -> bool {
-        self.by_both.is_some_and(|both| both > self.by_disturbance + BELIEVED)
+    /// Whether effects are believed beside the disturbance, penalties counted: they explain something beside it, or gain more than it by
+    /// themselves, in the means of the runs above all.
+    pub(crate) fn believes_beside(&self, gained: f64) -> bool {
+        let beside = self.by_both.is_some_and(|both| both > self.by_disturbance + BELIEVED);
+        beside || gained > self.by_disturbance + CLEAR
     }
 }
 

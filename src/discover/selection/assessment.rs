@@ -97,6 +97,22 @@ pub(super) fn against(
     attribute(model, base, accepted.map(|(evidence, params)| Explained { evidence, params }))
 }
 
+/// A gain in log-likelihood from one whitened residual to another, and its variance: that of r'd - d'd/2, with d what is between them and r
+/// noise of what the second one leaves. (The spread over bins would be as large as the gain where a single bin, that of the mean, has it all.)
+pub(super) struct LikelihoodGain {
+    pub(super) gain: f64,
+    pub(super) variance: f64,
+}
+
+impl LikelihoodGain {
+    pub(super) fn new(before: &[f64], after: &[f64]) -> Self {
+        let pairs = || before.iter().zip(after);
+        let gain = pairs().map(|(a, b)| 0.5 * (a * a - b * b)).sum();
+        let left = after.iter().map(|b| b * b).sum::<f64>() / after.len().max(1) as f64;
+        Self { gain, variance: left.max(1.0) * pairs().map(|(a, b)| (a - b).powi(2)).sum::<f64>() }
+    }
+}
+
 /// The gain in log-likelihood of each run from one response to another.
 pub(super) fn run_gains(
     runs: &[Run],
@@ -114,11 +130,8 @@ pub(super) fn run_gains(
             whitener.whitened(&residual)
         };
         let (a, b) = (bins(&before[r]), bins(&after[r]));
-        let parts: Vec<f64> = a.iter().zip(&b).map(|(a, b)| 0.5 * (a * a - b * b)).collect();
-        let gain: f64 = parts.iter().sum();
-        let mean = gain / parts.len().max(1) as f64;
-        let spread: f64 = parts.iter().map(|p| (p - mean) * (p - mean)).sum();
-        RunGain { run: run.name.clone(), validation: r >= train, gain, deviation: spread.sqrt() }
+        let LikelihoodGain { gain, variance } = LikelihoodGain::new(&a, &b);
+        RunGain { run: run.name.clone(), validation: r >= train, gain, deviation: variance.sqrt() }
     };
     runs.iter().enumerate().map(of).collect()
 }

@@ -657,7 +657,9 @@ impl<'a> ForwardSelection<'a> {
         let cost = self.accepted.iter().map(Accepted::cost).sum();
         let mut attribution =
             evidence.as_ref().map(|h| against(&first.model, h, explained.as_ref().map(|e| (e, cost))));
-        let mut verdict = self.verdict(attribution.as_ref(), end.family_wise, confirmed);
+        // by the joint fits, means included: where disturbances are looked for there are none
+        let gained = before.cost() - after.cost() - self.accepted.iter().map(Accepted::penalty).sum::<f64>();
+        let mut verdict = self.verdict(attribution.as_ref(), end.family_wise, (confirmed, gained));
         let in_time = *self.runs.domain == Domain::Time;
         let left = explained.as_ref().is_some_and(ResidualEvidence::repeats);
         let curve_of = |law: &Law| -> Option<LawModel> {
@@ -768,7 +770,8 @@ impl<'a> ForwardSelection<'a> {
         let extended = printed.map(|written| written.text.clone());
         if let Some(attribution) = &mut attribution {
             attribution.warnings.extend(one_law(&self.accepted));
-            if attribution.verdict == Origin::Disturbance && verdict == Verdict::EffectFound {
+            let explains_more = attribution.by_disturbance > gained;
+            if attribution.verdict == Origin::Disturbance && verdict == Verdict::EffectFound && explains_more {
                 attribution.warnings.push(
                     "a disturbance would explain more of the fitted runs; what the effects gain on runs that were not fitted it would not"
                         .into(),
@@ -895,10 +898,15 @@ impl<'a> ForwardSelection<'a> {
     /// A disturbance has another course in every run: it does not overrule effects that are confirmed by runs that were not fitted, and that
     /// explain something beside it. (An effect of 2.7 nats that gained 2.8 +- 1.2 there stood against a disturbance of 157 nats, beside which
     /// it added 1.7.)
-    fn verdict(&self, attribution: Option<&Attribution>, family_wise: f64, confirmed: bool) -> Verdict {
+    fn verdict(
+        &self,
+        attribution: Option<&Attribution>,
+        family_wise: f64,
+        (confirmed, gained): (bool, f64),
+    ) -> Verdict {
         let (found, clear) = (!self.accepted.is_empty(), family_wise < self.options.alpha);
         match attribution.map(|a| a.verdict) {
-            Some(Origin::Disturbance) if confirmed && attribution.is_some_and(Attribution::beside_disturbance) => {
+            Some(Origin::Disturbance) if confirmed && attribution.is_some_and(|a| a.believes_beside(gained)) => {
                 Verdict::EffectFound
             }
             Some(Origin::Disturbance) => Verdict::Disturbance,

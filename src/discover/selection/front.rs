@@ -22,6 +22,7 @@
 
 use super::acceptance::below_null;
 use super::all_samples::AllSamples;
+use super::assessment::LikelihoodGain;
 use super::elimination::{Accepted, rebuilt, revise};
 use super::error::DiagnosisError;
 use super::fitted_model::{FittedModel, SplitFit, split_fit, split_fit_within};
@@ -583,20 +584,18 @@ impl FrontProblem<'_> {
     /// such run.
     fn clearly_likelier(&self, large: &Predicted, small: &Predicted) -> bool {
         let whole = |piece: &&Piece| piece.from == 0 && self.runs.all.len() > 1;
-        let (mut gain, mut square) = (0.0, 0.0);
+        let (mut gain, mut variance) = (0.0, 0.0);
         for large in large.iter().filter(whole) {
             let Some(small) = small.iter().find(|p| p.run == large.run) else { continue };
             let noise = if large.run < self.runs.train { self.noise } else { self.noise.for_validation() };
             let (run, q) = (&self.runs.all[large.run], self.first.outputs());
             let mut whitener = self.first.predictors[large.run].whitener(run, q, noise);
             let (a, b) = (whitener.whitened(&small.residual), whitener.whitened(&large.residual));
-            let parts: Vec<f64> = a.iter().zip(&b).map(|(a, b)| 0.5 * (a * a - b * b)).collect();
-            let sum: f64 = parts.iter().sum();
-            let mean = sum / parts.len().max(1) as f64;
-            gain += sum;
-            square += parts.iter().map(|p| (p - mean).powi(2)).sum::<f64>();
+            let own = LikelihoodGain::new(&a, &b);
+            gain += own.gain;
+            variance += own.variance;
         }
-        gain > CLEAR * square.sqrt()
+        gain > CLEAR * variance.sqrt()
     }
 
     /// The curve of a law in the text of the model as it was given, for the table.
