@@ -311,7 +311,7 @@ pub struct RunGain {
     pub validation: bool,
     /// Gain in log-likelihood.
     pub gain: f64,
-    /// Deviation of that gain, from how unevenly it is spread over the bins of the spectrum.
+    /// Deviation of that gain, by noise of the size that the effects leave.
     pub deviation: f64,
 }
 

@@ -23,6 +23,7 @@
 use super::acceptance::below_null;
 use super::all_samples::AllSamples;
 use super::assessment::LikelihoodGain;
+use super::comparison::EQUAL;
 use super::elimination::{Accepted, rebuilt, revise};
 use super::error::DiagnosisError;
 use super::fitted_model::{FittedModel, SplitFit, split_fit, split_fit_within};
@@ -482,7 +483,21 @@ impl FrontProblem<'_> {
                 chosen = k;
             }
         }
-        Some(chosen)
+        // a set may have chosen what begins it, and come to nothing: alone the likeliest is named, of equals the first, unless plain errors
+        // contradict it
+        let bearable = |gained: Advantage| gained.reduction > -CONTRADICTED * gained.error;
+        let likelier = |k: &usize| {
+            let (own, other) = (&levels[*k], &levels[chosen]);
+            let (Some(a), Some(b)) = (&own.predicted, &other.predicted) else { return false };
+            own.aside
+                && own.objection().is_none()
+                && own.size() <= other.size()
+                && own.total() < other.total() - BELIEVED
+                && self.advantage(a, b, naive).is_none_or(bearable)
+        };
+        let likelier: Vec<usize> = (0..levels.len()).filter(likelier).collect();
+        let least = likelier.iter().map(|k| levels[*k].total()).fold(f64::INFINITY, f64::min);
+        Some(likelier.into_iter().find(|k| levels[*k].total() <= least + EQUAL).unwrap_or(chosen))
     }
 
     /// How likely it is that what a written model leaves is noise, of any smooth spectrum.
