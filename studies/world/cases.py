@@ -319,15 +319,20 @@ def near(found):
     return dict(sorted(((k, v) for k, v in found.items() if v < NEAR), key=lambda kv: kv[1]))
 
 
+def drawn(family, kind, number, attempt):
+    """The bench of a case, before anything is hidden."""
+    rng = np.random.default_rng([zlib.crc32(f"{family.name} {kind} {number}".encode()), attempt])
+    runs = int(rng.choice([1, 2, 2, 3, 4])) if kind in ("single", "nothing") else int(rng.choice([2, 3]))
+    validation = int(rng.random() < 0.6)
+    return Bench(family, rng, runs, validation, COLOURS[number % len(COLOURS)])
+
+
 def made(name, kind, number, folder):
     """One case in its folder; the truth, or none where the effect cannot have the gain."""
     family = FAMILIES[name]
     for attempt in range(40):
-        rng = np.random.default_rng([zlib.crc32(f"{name} {kind} {number}".encode()), attempt])
-        colour = COLOURS[number % len(COLOURS)]
-        runs = int(rng.choice([1, 2, 2, 3, 4])) if kind in ("single", "nothing") else int(rng.choice([2, 3]))
-        validation = int(rng.random() < 0.6)
-        bench = Bench(family, rng, runs, validation, colour)
+        bench = drawn(family, kind, number, attempt)
+        rng, runs, validation, colour = bench.rng, bench.runs, bench.validation, bench.noises[0].colour
         newton = bool(rng.random() < 0.5)
         effects, sizes, band = [], [], None
         extra = {}

@@ -1,23 +1,21 @@
-"""What a judge who knows the noise and every effect of the family would name: how far the figures of score.py can go.
+"""What a judge who knows the noise and every effect of the family would name: beside the figures of score.py.
 
-    python3 studies/world/ceiling.py CASES
+    python3 studies/world/ceiling.py CASES [CASES ...]
 
 For each case with one effect: the gain of every effect of its family in all records of the case, by the covariance that the noise was drawn
 with, to first order in the parameters. Nobody who has records only can know as much: the noise has to be found, and the catalogue has five
-times as many candidates. The judge names the effect that gains most, and believes it where a chance of 0.01 among all is passed.
+times as many candidates. Very large effects are beyond first order: the judge misses a few of them. He names the effect that gains most, and believes it where a chance of 0.01 among all is passed.
 """
 
 import argparse
 import json
-import zlib
 from pathlib import Path
 
 import numpy as np
 
-from cases import NAMES, Bench, beside_parameters, gains
+from cases import NAMES, beside_parameters, drawn, gains
 from families import FAMILIES
 from motion import Hidden
-from noises import COLOURS
 from score import STEADY, matches
 
 # nats behind the best that are still its group: odds of 100 : 1
@@ -28,11 +26,8 @@ CHANCE = 0.01
 def judged(path):
     """Gain of the best, whether a right name is the best one, and whether one is in its group."""
     truth = json.loads(path.read_text())
-    family, number = FAMILIES[truth["family"]], int(truth["case"].rsplit("-", 1)[1])
-    rng = np.random.default_rng([zlib.crc32(f"{family.name} single {number}".encode()), truth["attempt"]])
-    runs = int(rng.choice([1, 2, 2, 3, 4]))
-    validation = int(rng.random() < 0.6)
-    bench = Bench(family, rng, runs, validation, COLOURS[number % len(COLOURS)])
+    bench = drawn(FAMILIES[truth["family"]], "single", int(truth["case"].rsplit("-", 1)[1]), truth["attempt"])
+    family = bench.family
     hidden = [(Hidden(h["kind"], h["place"], h["other"], fixed=h["fixed"]), h["size"]) for h in truth["hidden"]]
     y, _ = bench.simulate([(e, np.array([s])) for e, s in hidden])
     measured = bench.noisy(y[..., 0])
