@@ -875,7 +875,7 @@ pub use fdm_discover::Diagnosis;
 /// ```
 /// use fdm::DiagnosisOptions;
 /// let options = DiagnosisOptions { most: 1, ..DiagnosisOptions::default() };
-/// assert_eq!(options.alpha, 0.01); // an effect must be less likely by chance than this
+/// assert_eq!(options.alpha, 0.03); // an effect must be less likely by chance than this
 /// ```
 #[cfg(feature = "discover")]
 #[doc(inline)]

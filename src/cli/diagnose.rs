@@ -42,7 +42,7 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     estimated: Estimated,
     /// Family-wise probability of a false alarm, over the whole catalogue
-    #[arg(long, value_name = "P", default_value_t = 0.01, value_parser = probability, help_heading = "Search")]
+    #[arg(long, value_name = "P", default_value_t = 0.03, value_parser = probability, help_heading = "Search")]
     alpha: f64,
     /// Most effects that are added, one after the other
     #[arg(long = "max-effects", alias = "most", value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u16).range(0..=20), help_heading = "Search")]

@@ -220,10 +220,10 @@ const FEW: usize = 64;
 /// A'A.
 pub(super) fn gram(columns: &DMatrix<f64>) -> DMatrix<f64> {
     let size = columns.ncols();
-    let below = |first: usize| {
-        let (own, rest) = (columns.columns(first, FEW.min(size - first)), columns.columns(first, size - first));
-        rest.transpose() * own
-    };
+    // products with it go by blocks, those of `tr_mul` do not. (A view with other strides would need no copy, but nalgebra 0.35 reads beyond its end
+    // where a product has few rows or columns.)
+    let across = columns.transpose();
+    let below = |first: usize| across.rows(first, size - first) * columns.columns(first, FEW.min(size - first));
     let firsts: Vec<usize> = (0..size).step_by(FEW).collect();
     let blocks: Vec<DMatrix<f64>> = firsts.par_iter().map(|first| below(*first)).collect();
     let mut products = DMatrix::zeros(size, size);

@@ -47,6 +47,9 @@ const MOST_MOVES: usize = 3;
 /// So many of them where nothing can be accepted.
 const ASKED: usize = 8;
 
+/// Part of the chance at which an effect is accepted, below which something is missing although no effect is.
+const UNNAMED: f64 = 1.0 / 3.0;
+
 /// Finds what is missing from a model: fits it as it stands, screens every effect of the catalogue at every place, fits the best,
 /// and accepts what holds; again, until nothing more is justified.
 ///
@@ -904,7 +907,7 @@ impl<'a> ForwardSelection<'a> {
         family_wise: f64,
         (confirmed, gained): (bool, f64),
     ) -> Verdict {
-        let (found, clear) = (!self.accepted.is_empty(), family_wise < self.options.alpha);
+        let (found, clear) = (!self.accepted.is_empty(), family_wise < UNNAMED * self.options.alpha);
         match attribution.map(|a| a.verdict) {
             Some(Origin::Disturbance) if confirmed && attribution.is_some_and(|a| a.believes_beside(gained)) => {
                 Verdict::EffectFound

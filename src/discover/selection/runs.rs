@@ -61,11 +61,11 @@ pub(super) fn prepared(run: &Run, domain: &Domain) -> Result<(Run, Option<String
 
 /// Samples of all runs together, and numbers of all directions (candidates by outputs by samples), up to which all are taken.
 const MOST_SAMPLES: usize = 200_000;
-const MOST_NUMBERS: usize = 120_000_000;
+const MOST_NUMBERS: usize = 60_000_000;
 /// Directions of a candidate, about.
 const DIRECTIONS: usize = 2;
 /// Fewest samples that are left of a run.
-const KEPT: usize = 1_000;
+const KEPT: usize = 500;
 /// Part of the deviation of an input that may be lost, as its root mean square.
 const LOST: f64 = 1e-3;
 /// What is told of a search in time that compares a part of what was measured.
@@ -372,7 +372,8 @@ impl<'a> Runs<'a> {
 /// How to search.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct DiagnosisOptions {
-    /// An effect is looked for as long as the chance that noise makes the best one is below this.
+    /// An effect is looked for as long as the chance that noise makes the best one is below this; where none can be accepted, a third of it says
+    /// that something is missing all the same.
     pub alpha: f64,
     /// Most effects that are accepted.
     pub most: usize,
@@ -389,7 +390,7 @@ pub struct DiagnosisOptions {
 impl Default for DiagnosisOptions {
     fn default() -> Self {
         Self {
-            alpha: 0.01,
+            alpha: 0.03,
             most: 4,
             fit: FitOptions::default(),
             screening: ScreeningOptions::default(),
