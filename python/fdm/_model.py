@@ -353,7 +353,7 @@ class Model:
 
         validation: runs that are not fitted; an effect must improve their prediction too.
         only, without: effects of the catalogue that are searched, or not; effects: files with effects of your own.
-        alpha: family-wise probability of a false alarm (0.01); max_effects: most effects that are added (4).
+        alpha: family-wise probability of a false alarm (0.03); max_effects: most effects that are added (4).
         """
         from ._results import Diagnosis
 

@@ -254,3 +254,21 @@ pub(crate) fn residual_evidence(
         residual_analysis: residual_analysis(model, fitted_runs, &null_model),
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Disturbances are sought without means, in which a constant force has all it gains.
+    #[test]
+    fn an_effect_stands_beside_a_disturbance_if_it_adds_or_gains_more() {
+        let stands = |by_disturbance: f64, by_both: Option<f64>, gained: f64| {
+            let (verdict, by_effect, by_nonlinearity) = (Origin::Disturbance, None, 0.0);
+            let (warnings, sites, law) = (Vec::new(), Vec::new(), None);
+            let of = Attribution { verdict, by_effect, by_disturbance, by_nonlinearity, by_both, warnings, sites, law };
+            of.believes_beside(gained)
+        };
+        assert!(stands(7.0, None, 583.0) && !stands(7.0, None, 8.0));
+        assert!(!stands(157.0, Some(158.7), 2.7) && stands(157.0, Some(172.0), 2.7));
+    }
+}

@@ -124,11 +124,8 @@ pub(super) fn run_gains(
     let of = |(r, run): (usize, &Run)| {
         let outputs = run.measured.len() / run.len().max(1);
         let noise = if r < train { noise } else { noise.for_validation() };
-        let (mut whitener, measured) = (predictors[r].whitener(run, outputs, noise), predictors[r].measured(run));
-        let mut bins = |response: &[f64]| {
-            let residual: Vec<f64> = measured.iter().zip(response).map(|(z, y)| z - y).collect();
-            whitener.whitened(&residual)
-        };
+        let mut whitener = predictors[r].whitener(run, outputs, noise);
+        let mut bins = |response: &[f64]| whitener.whitened(&predictors[r].left_by(run, response));
         let (a, b) = (bins(&before[r]), bins(&after[r]));
         let LikelihoodGain { gain, variance } = LikelihoodGain::new(&a, &b);
         RunGain { run: run.name.clone(), validation: r >= train, gain, deviation: variance.sqrt() }
@@ -250,4 +247,30 @@ pub(super) fn biased(before: &[ParameterEstimate], after: &[ParameterEstimate]) 
         })
     };
     before.iter().filter_map(of).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use fdm_numeric::random::Stream;
+
+    /// Over repeated noise, where every bin has a part of the gain and where that of the mean has it all.
+    #[test]
+    fn a_gain_scatters_as_its_deviation_says() {
+        let draws = 4000;
+        for effect in [vec![0.4; 200], [vec![0.0; 60], vec![6.0]].concat()] {
+            let mut normal = Stream::seeded(1);
+            let gains: Vec<LikelihoodGain> = (0..draws)
+                .map(|_| {
+                    let after: Vec<f64> = effect.iter().map(|_| normal.normal_of_pair()).collect();
+                    let before: Vec<f64> = after.iter().zip(&effect).map(|(a, d)| a + d).collect();
+                    LikelihoodGain::new(&before, &after)
+                })
+                .collect();
+            let mean = gains.iter().map(|g| g.gain).sum::<f64>() / f64::from(draws);
+            let scatter = gains.iter().map(|g| (g.gain - mean).powi(2)).sum::<f64>() / f64::from(draws);
+            let told = gains.iter().map(|g| g.variance).sum::<f64>() / f64::from(draws);
+            assert!((0.9..1.2).contains(&(told / scatter)), "{told} {scatter}");
+        }
+    }
 }

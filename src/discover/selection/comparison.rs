@@ -249,9 +249,7 @@ impl ForwardStep<'_> {
 
     /// What responses to the training runs leave of them.
     pub(super) fn left_by(&self, predictors: &[Predictor], answers: &[Signals]) -> Vec<Signals> {
-        let left = |((predictor, run), y): ((&Predictor, &Run), &Signals)| -> Signals {
-            predictor.measured(run).iter().zip(y).map(|(z, y)| z - y).collect()
-        };
+        let left = |((predictor, run), y): ((&Predictor, &Run), &Signals)| predictor.left_by(run, y);
         predictors.iter().zip(self.runs.train()).zip(answers).map(left).collect()
     }
 
@@ -347,7 +345,7 @@ fn excess(noise: &CommonNoise, validation: &[Run], outputs: usize, models: &[OnV
         let mut all = vec![Vec::new(); outputs];
         for (run, (predictor, theta)) in validation.iter().zip(predictors.iter().zip(*theta)) {
             let response = predictor.answer(model.dynamics(), run, theta).ok()?;
-            let residual: Vec<f64> = predictor.measured(run).iter().zip(&response).map(|(z, y)| z - y).collect();
+            let residual = predictor.left_by(run, &response);
             let mut whitener = predictor.whitener(run, outputs, noise);
             all.iter_mut().enumerate().for_each(|(o, all)| all.extend(whitener.squares(o, &residual)));
         }

@@ -85,10 +85,7 @@ fn explained(runs: &[Vec<Vec<f64>>], signal: &[f64]) -> Option<f64> {
 fn loop_chance(current: &FittedModel, runs: &[Run], k: usize) -> Option<f64> {
     let definition = current.model.definition();
     let (q, m) = (definition.outputs.len(), definition.inputs.len());
-    let residual = |r: usize| -> Vec<f64> {
-        let measured = current.predictors[r].measured(&runs[r]);
-        measured.iter().zip(&current.response[r]).map(|(z, y)| z - y).collect()
-    };
+    let residual = |r: usize| current.predictors[r].left_by(&runs[r], &current.response[r]);
     // a held input acts after the sample at which it is set, so that a loop may close within that sample
     let held = runs.iter().all(|run| run.held.get(k).copied().unwrap_or(false));
     let graph = &definition.graph;

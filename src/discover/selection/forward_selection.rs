@@ -890,9 +890,8 @@ impl<'a> ForwardSelection<'a> {
         let (runs, train, q) = (self.runs.train(), self.runs.train, first.outputs());
         let plain = (&first.response[..train], &first.response[..train]);
         let outputs = output_gains(&first.model, (runs, train), &first.predictors[..train], plain, (noise, runs));
-        let left =
-            |(run, y): (&Run, &Vec<f64>)| -> Vec<f64> { run.measured.iter().zip(y).map(|(z, y)| z - y).collect() };
-        let left: Vec<Vec<f64>> = runs.iter().zip(&first.response).map(left).collect();
+        let left = |(r, run): (usize, &Run)| first.predictors[r].left_by(run, &first.response[r]);
+        let left: Vec<Vec<f64>> = runs.iter().enumerate().map(left).collect();
         beyond_noise(&outputs, (&left, q))
     }
 

@@ -503,9 +503,7 @@ impl FrontProblem<'_> {
     /// How likely it is that what a written model leaves is noise, of any smooth spectrum.
     fn likelihood_as_noise(&self, level: &Level) -> f64 {
         let Ok(WrittenModel { fitted, .. }) = &level.written else { return f64::NEG_INFINITY };
-        let of = |((run, predictor), y): ((&Run, &Predictor), &Signals)| -> Signals {
-            predictor.measured(run).iter().zip(y).map(|(z, y)| z - y).collect()
-        };
+        let of = |((run, predictor), y): ((&Run, &Predictor), &Signals)| predictor.left_by(run, y);
         let runs = self.runs.train();
         let left: Vec<Signals> = runs.iter().zip(&fitted.predictors).zip(&fitted.response).map(of).collect();
         likelihood_as_noise(fitted, runs, self.noise.growths(), &left)
@@ -684,9 +682,9 @@ impl FrontProblem<'_> {
 
     /// What a model leaves of a run from a sample on: its place among these runs, and among all.
     fn piece(&self, fitted: &FittedModel, runs: &[Run], (place, run): (usize, usize), from: usize) -> Piece {
-        let measured = fitted.predictors[place].measured(&runs[place]);
-        let cells = measured.iter().zip(&fitted.response[place]).skip(from * self.first.outputs());
-        Piece { run, from, residual: cells.map(|(z, y)| z - y).collect() }
+        let mut residual = fitted.predictors[place].left_by(&runs[place], &fitted.response[place]);
+        residual.drain(..from * self.first.outputs());
+        Piece { run, from, residual }
     }
 
     /// Mean square of each output; NaN where nothing was measured.

@@ -71,6 +71,11 @@ impl Predictor {
         }
     }
 
+    /// What a response leaves of that.
+    pub(super) fn left_by(&self, run: &Run, response: &[f64]) -> Signals {
+        self.measured(run).iter().zip(response).map(|(z, y)| z - y).collect()
+    }
+
     /// The frequency of every row; none for samples.
     pub(super) fn frequencies(&self) -> Option<Vec<f64>> {
         match self {
@@ -154,7 +159,7 @@ impl Predictor {
         for other in 0..runs {
             fitted.extend((0..own.len()).map(|c| (other == place).then(|| column(shared.len() + c))));
         }
-        let residual: Signals = self.measured(run).iter().zip(&y).map(|(z, y)| z - y).collect();
+        let residual = self.left_by(run, &y);
         let rows = self.rows(run, dynamics.layout().outputs);
         Ok(Record { interval: interval(run), residual, fitted, directions: Vec::new(), rows, deviations: None })
     }

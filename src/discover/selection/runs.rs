@@ -434,13 +434,13 @@ mod tests {
     #[test]
     fn long_runs_are_thinned_and_that_is_said() {
         let long = run((0..50_000).map(f64::from).collect());
-        let short = run((0..1_000).map(f64::from).collect());
+        let short = run((0..500).map(f64::from).collect());
         let in_time = |runs: Vec<Run>, candidates: usize| thinned(runs, 1, candidates, &Domain::Time);
         let (kept, note) = in_time(vec![long.clone(), short.clone()], 20);
         assert!(note.is_none() && kept == [long.clone(), short.clone()]);
         let mut stepped = long.clone();
         stepped.inputs.iter_mut().enumerate().for_each(|(k, u)| *u = f64::from(u8::from(k % 1000 > 497)));
-        let (kept, note) = in_time(vec![stepped.clone()], 8_000);
+        let (kept, note) = in_time(vec![stepped.clone()], 4_000);
         // fewer outputs are compared, and of the rows between those stay at which the input bends
         assert!(note.is_some_and(|n| n.contains("of 50000 measurements 7143 are compared")));
         let found = &kept[0];
@@ -458,17 +458,17 @@ mod tests {
         assert_eq!(sampling(found, (0, 1)), (7143, 7.0));
         // an input that is held changes where it did
         let held = Run { held: vec![true], ..stepped.clone() };
-        let (kept, _) = in_time(vec![held], 8_000);
+        let (kept, _) = in_time(vec![held], 4_000);
         for k in 0..50_000 {
             let from = kept[0].time.partition_point(|t| *t <= k as f64) - 1;
             assert_eq!(kept[0].inputs[from], stepped.inputs[k], "{k}");
         }
         // one that bends everywhere keeps all rows
         let rough = Run { inputs: (0..50_000).map(|k| f64::from(k * 7919 % 101)).collect(), ..stepped.clone() };
-        let (kept, _) = in_time(vec![rough.clone()], 8_000);
+        let (kept, _) = in_time(vec![rough.clone()], 4_000);
         assert_eq!((&kept[0].inputs, &kept[0].time), (&rough.inputs, &rough.time));
-        let (kept, note) = in_time(vec![long, short.clone()], 8_000);
-        assert!(note.is_some_and(|n| n.starts_with("of 51000 samples every 7th is used (8143), as there are")));
+        let (kept, note) = in_time(vec![long, short.clone()], 4_000);
+        assert!(note.is_some_and(|n| n.starts_with("of 50500 samples every 7th is used (7643), as there are")));
         assert_eq!((kept[0].len(), kept[0].time[2], kept[0].inputs[2], kept[0].measured[2]), (7143, 14.0, 28.0, 14.0));
         assert_eq!(kept[1], short);
     }

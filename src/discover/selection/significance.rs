@@ -80,8 +80,7 @@ pub(super) fn validation_chance(
     for (((run, predictor), record), after) in validation.iter().zip(predictors).zip(&own).zip(&after) {
         let mut whitener = predictor.whitener(run, q, noise);
         let residual = whitener.whitened(&record.residual);
-        let rest: Vec<f64> = predictor.measured(run).iter().zip(after).map(|(z, y)| z - y).collect();
-        let rest = whitener.whitened(&rest);
+        let rest = whitener.whitened(&predictor.left_by(run, after));
         let added: Vec<f64> = residual.iter().zip(&rest).map(|(before, after)| before - after).collect();
         product += dot(&residual, &added);
         square += dot(&added, &added);
