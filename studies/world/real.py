@@ -263,6 +263,11 @@ def one(path, head, make):
     return lambda data: {Path(path).stem: (head, make(read(data / path)))}
 
 
+def begun(table):
+    """With a row at time 0, at which the states are those of the text and nothing was measured."""
+    return np.vstack([[0.0, *np.full(table.shape[1] - 1, np.nan)], table])
+
+
 def doubles(*numbers):
     head = "t [s],angle1 [rad],angle2 [rad],rate1 [rad/s],rate2 [rad/s],tau1 [N*m],tau2 [N*m]"
     return lambda data: {
@@ -320,7 +325,7 @@ RECORDS = [
     Record("gas_oil", GASOIL, [[("reaction_order", ["y1"]), ("quadratic_term", ["y1", "y1"]), ("quadratic_damping", ["y1"])]],
            one("kinetics_cops/gasoil.csv", "t [h],gas_oil [1],gasoline [1]", lambda t: t), why="cracking is of second order; y1 is positive, so that y1^2 is y1*abs(y1)"),
     Record("pinene", PINENE, [[("missing_coupling", ["y3", "y5"]), ("reverse_reaction", ["y3", "y5"]), ("reverse_reaction", ["y5", "y3"])]],
-           one("kinetics_cops/pinene.csv", "t [min],alpha_pinene [%],dipentene [%],alloocimene [%],pyronene [%],dimer [%]", lambda t: t),
+           one("kinetics_cops/pinene.csv", "t [min],alpha_pinene [%],dipentene [%],alloocimene [%],pyronene [%],dimer [%]", begun),
            why="the dimer goes back to allo-ocimene"),
     Record("methanol", METHANOL, [[("product_term", ["y1", "y2"]), ("autocatalysis", ["y1", "y2"]), ("autocatalysis", ["y2"])]],
            one("kinetics_cops/methanol.csv", "t [h],methanol [1],olefins [1],paraffins [1]", lambda t: t), apart=True,
