@@ -122,15 +122,11 @@ pub(super) fn densities(bands: &Bands, spectra: &[LogSpectrum]) -> Vec<f64> {
     bands.list.iter().map(|band| spectra[band.channel].inflated(band.log_frequency)).collect()
 }
 
-/// The same, however little is known of it: by this it is judged what a residual follows. Where there are several runs it is without a word of
-/// their means: such that are off for want of an effect would be called noise that wanders, and no offset be followed by them. One mean alone
-/// may be slow noise as well.
+/// The same, however little is known of it, and without a word of the means: by this it is judged what a residual follows. Means that are off for
+/// want of an effect would be called noise that wanders, and no offset be followed by them. How slow noise goes on below the record is told by all
+/// other bins, of one record as of several.
 pub(super) fn likeliest(bands: &Bands, spectra: &[LogSpectrum]) -> Vec<f64> {
-    let of = |band: &Band| {
-        let (spectrum, several) = (&spectra[band.channel], band.count > 1);
-        if several { spectrum.without_means_at(band.log_frequency) } else { spectrum.at(band.log_frequency) }
-    };
-    bands.list.iter().map(of).collect()
+    bands.list.iter().map(|band| spectra[band.channel].without_means_at(band.log_frequency)).collect()
 }
 
 /// How far a resonance stands out of what is beside it, in log S.

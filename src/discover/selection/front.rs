@@ -10,7 +10,8 @@
 //! the same. So does a mechanism or an effect of a sensor which plain errors do not contradict. If its effect d on the prediction is right,
 //! the squared error falls by the sum of d^2 on average. Where the fall is within two standard errors of that sum, plain errors cannot say
 //! that it is not there, and the likelihood has said that it is. (With a loss of one standard error a small effect that is right would be
-//! refused in a sixth of all cases: slow noise of the validation run decides.)
+//! refused in a sixth of all cases: slow noise of the validation run decides.) But no likelier model is recommended whose prediction has a squared
+//! error larger by a tenth: where a single short run is predicted, two standard errors may be all of it.
 //!
 //! What predicts validation runs worse than the model as it was given is never recommended; nor what predicts parts of the runs, by fits to the
 //! others, worse by more than two standard errors. (By one, a delay of 205 nats in resonant noise was refused: fits by plain errors to parts of
@@ -57,6 +58,8 @@ const FITTED: usize = 2;
 const USELESS: f64 = 0.02;
 /// Standard errors beyond which plain errors contradict an effect.
 const CONTRADICTED: f64 = 2.0;
+/// Part by which the squared error of a prediction may be larger at most, however little is independent in it.
+const BEARABLE: f64 = 0.1;
 /// Deviations of a gain in log-likelihood on validation runs from which it is clear.
 const CLEAR: f64 = 2.0;
 
@@ -485,7 +488,6 @@ impl FrontProblem<'_> {
         }
         // a set may have chosen what begins it, and come to nothing: alone the likeliest is named, of equals the first, unless plain errors
         // contradict it
-        let bearable = |gained: Advantage| gained.reduction > -CONTRADICTED * gained.error;
         let likelier = |k: &usize| {
             let (own, other) = (&levels[*k], &levels[chosen]);
             let (Some(a), Some(b)) = (&own.predicted, &other.predicted) else { return false };
@@ -493,7 +495,7 @@ impl FrontProblem<'_> {
                 && own.objection().is_none()
                 && own.size() <= other.size()
                 && own.total() < other.total() - BELIEVED
-                && self.advantage(a, b, naive).is_none_or(bearable)
+                && !self.contradicted(a, b, naive)
         };
         let likelier: Vec<usize> = (0..levels.len()).filter(likelier).collect();
         let least = likelier.iter().map(|k| levels[*k].total()).fold(f64::INFINITY, f64::min);
@@ -560,10 +562,17 @@ impl FrontProblem<'_> {
         self.is_clearly_better(&own, &other, &naive)
     }
 
+    /// Whether a prediction speaks against a likelier model: it is worse than another by two standard errors or by a tenth.
+    fn contradicted(&self, own: &Predicted, other: &Predicted, naive: &Predicted) -> bool {
+        let worse = self.relative(own, naive) > (1.0 + BEARABLE) * self.relative(other, naive);
+        let clearly = |gained: Advantage| gained.reduction < -CONTRADICTED * gained.error;
+        worse || self.advantage(own, other, naive).is_some_and(clearly)
+    }
+
     /// Whether a smaller model predicts as well as the best one.
     fn is_as_good(&self, smaller: &Level, best: &Level, naive: &Predicted) -> bool {
         let (Some(small), Some(large)) = (&smaller.predicted, &best.predicted) else { return false };
-        let Some(gained) = self.advantage(large, small, naive) else { return false };
+        let Some(gained) = self.advantage(large, small, naive) else { return self.contradicted(large, small, naive) };
         let mut without = best.accepted.iter().filter(|a| !smaller.holds(a));
         let physical = without.any(|a| a.candidate.effect().class() != Class::StandIn);
         let least = if physical { gained.error } else { gained.error.max(USELESS) };
@@ -571,8 +580,8 @@ impl FrontProblem<'_> {
             return false;
         }
         let expected = self.expected(large, small, naive);
-        let contradicted = gained.reduction < expected - CONTRADICTED * gained.error;
-        contradicted || !physical
+        let missing = gained.reduction < expected - CONTRADICTED * gained.error;
+        missing || !physical || self.contradicted(large, small, naive)
     }
 
     /// By how much the squared error of a larger model's prediction would be less if what it adds were right: the mean square of that, in

@@ -265,6 +265,9 @@ fn a_steady_offset_is_named() {
     // no plain residual of a tenth of that is hidden either
     assert_eq!(found(0.015).verdict, Verdict::EffectFound);
     assert_eq!(found(0.0).verdict, Verdict::NoEffectFound);
+    // one record of white noise is enough for less than its noise, as none of its other bins is slow
+    let alone = diagnose(&model, &runs(0.012)[..1], &[], &catalogue, &options(), &|_| ()).unwrap();
+    assert_eq!(alone.causes.first().map(|c| c.place.to_string()).as_deref(), Some("output_bias(roll)"), "{alone:#?}");
     // the front tells what the written model does
     let models = &offset.front;
     assert!(models.len() == 2 && models[1].recommended && models[1].error_training < 0.2, "{models:?}");
