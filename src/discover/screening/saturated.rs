@@ -123,10 +123,15 @@ pub(super) fn densities(bands: &Bands, spectra: &[LogSpectrum]) -> Vec<f64> {
 }
 
 /// The same, however little is known of it, and without a word of the means: by this it is judged what a residual follows. Means that are off for
-/// want of an effect would be called noise that wanders, and no offset be followed by them. How slow noise goes on below the record is told by all
-/// other bins, of one record as of several.
+/// want of an effect would be called noise that wanders, and no offset be followed by them. Where noise rises below the records, one mean alone may
+/// be slow noise as well.
 pub(super) fn likeliest(bands: &Bands, spectra: &[LogSpectrum]) -> Vec<f64> {
-    bands.list.iter().map(|band| spectra[band.channel].without_means_at(band.log_frequency)).collect()
+    let of = |band: &Band| {
+        let (spectrum, several) = (&spectra[band.channel], band.count > 1);
+        let unheard = several || !spectrum.rises_below();
+        if unheard { spectrum.without_means_at(band.log_frequency) } else { spectrum.at(band.log_frequency) }
+    };
+    bands.list.iter().map(of).collect()
 }
 
 /// How far a resonance stands out of what is beside it, in log S.
