@@ -339,11 +339,6 @@ impl LogSpectrum {
         self.with_means_at(self.mean.unheard, log_frequency)
     }
 
-    /// Whether noise goes on rising below the records, as all bins but the means have it: by more than a factor of two where means stand.
-    pub(crate) fn rises_below(&self) -> bool {
-        self.mean.unheard > self.values[0] + std::f64::consts::LN_2
-    }
-
     fn with_means_at(&self, mean: f64, log_frequency: f64) -> f64 {
         let known = Hat::at(&self.knots, log_frequency).of(self.values.as_slice());
         let (below, near) = ((self.knots[0] - log_frequency).max(0.0), near(&self.knots));

@@ -122,14 +122,13 @@ pub(super) fn densities(bands: &Bands, spectra: &[LogSpectrum]) -> Vec<f64> {
     bands.list.iter().map(|band| spectra[band.channel].inflated(band.log_frequency)).collect()
 }
 
-/// The same, however little is known of it, and without a word of the means: by this it is judged what a residual follows. Means that are off for
-/// want of an effect would be called noise that wanders, and no offset be followed by them. Where noise rises below the records, one mean alone may
-/// be slow noise as well.
+/// The same, however little is known of it: by this it is judged what a residual follows. Where there are several runs it is without a word of
+/// their means: such that are off for want of an effect would be called noise that wanders, and no offset be followed by them. One mean alone
+/// may be slow noise as well.
 pub(super) fn likeliest(bands: &Bands, spectra: &[LogSpectrum]) -> Vec<f64> {
     let of = |band: &Band| {
         let (spectrum, several) = (&spectra[band.channel], band.count > 1);
-        let unheard = several || !spectrum.rises_below();
-        if unheard { spectrum.without_means_at(band.log_frequency) } else { spectrum.at(band.log_frequency) }
+        if several { spectrum.without_means_at(band.log_frequency) } else { spectrum.at(band.log_frequency) }
     };
     bands.list.iter().map(of).collect()
 }
