@@ -68,6 +68,8 @@ def same_kinds(family, effect, start, size=None):
         found.append(("quadratic_term", f"{place}, {place}", f"{place} has one sign, so that x*abs(x) is x^2"))
     if kind == "input_gain" and family.positive:
         found.append(("input_scale_asymmetry", place, f"{place} has one sign, so that i + k*abs(i) is a gain"))
+    if kind == "curve":
+        found.append(("input_square" if effect.fixed["even"] else "input_cube", place, "that is the curve"))
     if kind == "curve" and effect.fixed["even"] and place in by_input:
         found.append(("quadratic_term", f"{by_input[place]}, {place}", "the input enters this equation alone, in proportion"))
     if kind == "cubic" and effect.other == place:

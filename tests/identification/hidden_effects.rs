@@ -439,3 +439,65 @@ fn a_limit_that_cuts_the_peaks_alone() {
     let (limit, error) = size(&found, "input_saturation(d)");
     assert!((limit - 0.579).abs() < 4.0 * error && error < 1e-3, "{limit} +- {error}");
 }
+
+#[test]
+fn heat_radiated_to_a_room() {
+    // in degrees Celsius, whose fourth power means nothing; 12 % of the heater's power at the hottest
+    const TEXT: &str = "model block { input power [W], room [degC]; state T [degC] = free; const C = 90 [J/K];
+        param L = 0.6 [W/K], g = 1 [1]; C*der(T) = g*power - L*(T - room); output sensor [degC] = T; }";
+    let (dt, samples) = (5.0, 400);
+    let inputs = |run: f64| {
+        move |t: f64| {
+            let on = ((0.004 * (1.0 + 0.2 * run) * t + 0.7 * run).sin() + (0.0131 * t).sin()) > -0.4;
+            [if on { 45.0 } else { 5.0 }, 21.0 + 2.0 * (0.003 * t + run).sin()]
+        }
+    };
+    let run = |number: f64, name: &str| {
+        let inputs = inputs(number);
+        let fourth = |celsius: f64| (celsius + 273.15).powi(4);
+        let states = motion([24.0], (samples, dt), |t, [warm]| {
+            let [power, room] = inputs(t);
+            [(power - 0.5 * (warm - room) - 1e-9 * (fourth(*warm) - fourth(room))) / 90.0]
+        });
+        record(name, dt, (&states, [0.05]), inputs)
+    };
+    let names = [
+        "radiation",
+        "curvature",
+        "constant_force",
+        "input_square",
+        "input_cube",
+        "product_term",
+        "overflow",
+        "output_bias",
+        "input_bias",
+    ];
+    let found = found(TEXT, &[run(0.0, "one"), run(1.0, "two")], &[run(2.0, "three")], Field::Process, &names);
+    assert_eq!(found.causes.len(), 1, "{found:#?}");
+    let (value, error) = size(&found, "radiation(T, room)");
+    // in parts of the fourth power of the hottest, which the text names
+    let text = found.extended.as_ref().unwrap();
+    let top = text.split("top_T = ").nth(1).and_then(|rest| rest.split([' ', ';']).next()).unwrap();
+    let truth = 1e-9 * (top.parse::<f64>().unwrap() + 273.15).powi(4);
+    assert!((value - truth).abs() < 4.0 * error, "{value} +- {error}, {truth}");
+}
+
+#[test]
+fn a_rudder_that_acts_as_the_sine_of_its_angle() {
+    const TEXT: &str = "model yaw { input rudder [rad]; state r [rad/s] = 0; param N = 0.4 [1/s^2], d = 0.5 [1/s];
+        der(r) = N*rudder - d*r; output gyro [rad/s] = r; }";
+    let (dt, samples) = (0.1, 500);
+    let input = |run: f64| move |t: f64| [0.6 * (0.31 * (1.0 + 0.1 * run) * t).sin() + 0.3 * (1.1 * t + run).sin()];
+    let run = |number: f64, name: &str| {
+        let input = input(number);
+        let states = motion([0.0], (samples, dt), |t, [r]| [0.45 * input(t)[0].sin() - 0.5 * r]);
+        record(name, dt, (&states, [0.004]), input)
+    };
+    let names =
+        ["input_square", "input_cube", "input_curvature", "signed_square", "quadratic_damping", "input_dead_zone"];
+    let found = found(TEXT, &[run(0.0, "one"), run(1.0, "two")], &[run(2.0, "three")], Field::Ship, &names);
+    assert_eq!(found.causes.len(), 1, "{found:#?}");
+    // of the series d - d^3/6 + d^5/120 up to 0.9 the best cube has 0.157
+    let (value, error) = size(&found, "input_cube(rudder)");
+    assert!((value + 0.157).abs() < 4.0 * error + 0.006, "{value} +- {error}");
+}

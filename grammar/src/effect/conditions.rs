@@ -87,6 +87,24 @@ fn node(effect: &Effect, subject: &Subject, targets: &[&Target], e: ExprRef, par
                 (Part::Thing(i), Part::Thing(x)) => Part::Truth(is_power(subject, &targets[i].name, &targets[x].name)),
                 _ => Part::Nothing,
             },
+            ("temperature", [a]) => match at(a) {
+                Part::Thing(k) => Part::Truth(has_dimension(subject, &targets[k].name, TEMPERATURE)),
+                _ => Part::Nothing,
+            },
+            ("unitless", [a]) => match at(a) {
+                Part::Thing(k) => {
+                    Part::Truth(subject.unit(&targets[k].name).is_none_or(|unit| unit.dimension == [0; 7]))
+                }
+                _ => Part::Nothing,
+            },
+            ("intensive", [a]) => match at(a) {
+                Part::Thing(k) => Part::Truth(is_intensive(subject, &targets[k].name)),
+                _ => Part::Nothing,
+            },
+            ("alike", [a, b]) => match (at(a), at(b)) {
+                (Part::Thing(a), Part::Thing(b)) => Part::Truth(are_alike(subject, &targets[a].name, &targets[b].name)),
+                _ => Part::Nothing,
+            },
             ("consumes" | "produces", [p, x]) => match (at(p), at(x)) {
                 (Part::Thing(p), Part::Thing(x)) => {
                     let sign = if name.text == "consumes" { Turnover::Consumed } else { Turnover::Produced };
@@ -123,6 +141,28 @@ fn is_power(subject: &Subject, force: &str, speed: &str) -> bool {
     let (Some(force), Some(speed)) = (subject.unit(force), subject.unit(speed)) else { return true };
     let watt = Unit::parse("W");
     watt.is_ok_and(|watt| force.product(&speed).is_some_and(|product| product.same_dimension(&watt)))
+}
+
+/// Exponents of a temperature.
+const TEMPERATURE: [i8; 7] = [0, 0, 0, 0, 1, 0, 0];
+
+fn has_dimension(subject: &Subject, name: &str, dimension: [i8; 7]) -> bool {
+    subject.unit(name).is_some_and(|unit| unit.dimension == dimension)
+}
+
+/// Whether something is a temperature, or how much of a substance there is, in moles or by volume in moles or mass. Nothing is said
+/// where its unit is missing.
+fn is_intensive(subject: &Subject, name: &str) -> bool {
+    subject.unit(name).is_some_and(|unit| match unit.dimension {
+        [_, 0, 0, 0, 0, moles, 0] if moles != 0 => true,
+        dimension => [TEMPERATURE, [-3, 1, 0, 0, 0, 0, 0]].contains(&dimension),
+    })
+}
+
+/// Whether two things measure the same. Nothing is said where a unit is missing.
+fn are_alike(subject: &Subject, a: &str, b: &str) -> bool {
+    let (Some(a), Some(b)) = (subject.unit(a), subject.unit(b)) else { return true };
+    a.same_dimension(&b)
 }
 
 /// Whether the rate of a state or the value of an output depends on something, lets looked through.

@@ -227,7 +227,9 @@ impl Solver<'_> {
         let first = list.first().cloned().unwrap_or(Measure::Unknown);
         let one = known(Unit::one());
         match name {
-            "abs" | "measured" | "scale" | "size" | "quantile" | "level" | "positive" | "start" => first,
+            "abs" | "measured" | "scale" | "size" | "quantile" | "level" | "positive" | "absolute_zero" | "start" => {
+                first
+            }
             "sign" => one,
             "der" | "speed" => self.rate(first),
             "min" | "max" | "hypot" | "clip" | "deadzone" => {

@@ -1,5 +1,6 @@
 //! What only the data know, asked for by name: sizes of signals, the sampling step, the length of the record.
 
+use super::subject::Subject;
 use crate::syntax::{BinarySign, Expr, ExprRef, SyntaxTree, UnarySign};
 use std::collections::HashMap;
 
@@ -67,6 +68,7 @@ pub(super) const REQUESTS: &[(&str, usize, &str)] = &[
     ("speed", 2, "speed(x, q)"),
     ("level", 2, "level(x, q)"),
     ("positive", 1, "positive(x)"),
+    ("absolute_zero", 1, "absolute_zero(x)"),
     ("start", 1, "start(x)"),
     ("grid", 3, "grid(a, b, n)"),
 ];
@@ -77,12 +79,14 @@ const NEARLY_ZERO: f64 = 0.01;
 /// Most values of one grid.
 const MOST_VALUES: usize = 100;
 
-/// Answers the requests of one place: `bound` leads from slots to the user's names, `known` holds what has been valued.
+/// Answers the requests of one place: `bound` leads from slots to the user's names, `known` holds what has been valued, the
+/// subject knows the units of the user's names.
 pub(super) struct Answers<'a> {
     pub(super) pool: &'a SyntaxTree,
     pub(super) bound: &'a HashMap<String, String>,
     pub(super) known: &'a HashMap<String, f64>,
     pub(super) scales: &'a dyn Scales,
+    pub(super) subject: Option<&'a Subject>,
 }
 
 impl Answers<'_> {
@@ -118,6 +122,12 @@ impl Answers<'_> {
     fn greatest_of_positive(&self, signal: &str) -> Option<f64> {
         let [least, greatest] = [0.0, 1.0].map(|q| self.scales.level(signal, q));
         (greatest > 0.0 && least >= -NEARLY_ZERO * greatest).then_some(greatest)
+    }
+
+    /// Where the absolute zero of temperature is in the unit of a signal; 0 in a unit whose zero is its own.
+    fn absolute_zero(&self, signal: &str) -> f64 {
+        let unit = self.subject.and_then(|subject| subject.unit(signal));
+        unit.filter(|unit| unit.offset != 0.0).map_or(0.0, |unit| -unit.offset / unit.factor)
     }
 
     fn node(&self, e: ExprRef, values: &[Option<f64>]) -> Option<f64> {
@@ -157,6 +167,7 @@ impl Answers<'_> {
                     "speed" => self.scales.speed(signal(0)?, number(1)?.clamp(0.0, 1.0)),
                     "level" => self.scales.level(signal(0)?, number(1)?.clamp(0.0, 1.0)),
                     "positive" => self.greatest_of_positive(signal(0)?)?,
+                    "absolute_zero" => self.absolute_zero(signal(0)?),
                     "min" => number(0)?.min(number(1)?),
                     "max" => number(0)?.max(number(1)?),
                     "sqrt" => number(0)?.sqrt(),

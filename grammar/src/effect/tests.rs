@@ -364,3 +364,48 @@ fn friction_of_a_joint_is_tried_where_a_force_acts_on_a_speed() {
     // a torque on either rate and between both, either way round; an angle of a flap is no torque
     assert_eq!((count("N*m"), count("rad")), (4, 0));
 }
+
+#[test]
+fn friction_does_not_act_on_temperatures_and_concentrations() {
+    // units of x and z; without any where x has none
+    let text = |x: &str, z: &str| {
+        let unit = |text: String| if x.is_empty() { String::new() } else { format!(" [{text}]") };
+        let (flow, rate) = (unit(format!("{x}/s")), unit("1/s".into()));
+        let yields = unit(if x == z { "1".into() } else { format!("{z}*m^3/mol") });
+        let (x, z) = (unit(x.into()), unit(z.into()));
+        format!(
+            "model a {{ input u{flow}; state x{x}, z{z}; param k = 1{rate}, l = 1{rate}, c = 1{yields};
+             der(x) = u - k*x; der(z) = c*k*x - l*z; output y{z} = z; }}"
+        )
+    };
+    let count = |x: &str, z: &str, effect: &str| {
+        let places = Catalogue::standard().places(&subject(&text(x, z)));
+        places.candidates.iter().filter(|c| c.effect().name() == effect && c.targets()[0] == "x").count()
+    };
+    let kinds = [("", 1, 1), ("m/s", 1, 0), ("A", 1, 0), ("K", 0, 2), ("mol*m^-3", 0, 0), ("kg*m^-3", 0, 0)];
+    for (unit, friction, radiation) in kinds {
+        let of = |effect: &str| count(unit, unit, effect);
+        let found = (of("coulomb_friction"), of("quadratic_damping"), of("radiation"));
+        assert_eq!(found, (friction, friction, radiation), "{unit}");
+        // what is no friction is tried everywhere
+        assert_eq!((of("quadratic_term") + of("curvature"), of("constant_force")), (3, 1), "{unit}");
+    }
+    // a reaction goes back from what it made, and heat is no reactant
+    let back = |x: &str, z: &str| count(x, z, "reverse_reaction");
+    assert_eq!([back("", ""), back("mol*m^-3", "mol*m^-3"), back("mol*m^-3", "K")], [1, 1, 0]);
+}
+
+#[test]
+fn heat_is_radiated_from_absolute_zero_on_whatever_the_scale() {
+    let text = |unit: &str| {
+        format!(
+            "model a {{ input room [{unit}]; state T [{unit}]; param k = 1 [1/s]; der(T) = k*(room - T); output y [{unit}] = T; }}"
+        )
+    };
+    for (unit, zero) in [("K", "0"), ("degC", "-273.15")] {
+        for effect in ["radiation(T)", "radiation(T, room)"] {
+            let made = extended(&text(unit), effect);
+            assert!(made.text().contains(&format!("zero_T = {zero} [{unit}]")), "{}", made.text());
+        }
+    }
+}

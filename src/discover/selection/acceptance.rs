@@ -157,6 +157,8 @@ const LATE: &[&str] = &["input_delay", "actuator_lag", "output_delay", "sensor_l
 const BY_AMPLITUDE: &[&str] = &[
     "input_dead_zone",
     "input_saturation",
+    "input_square",
+    "input_cube",
     "input_curvature",
     "input_scale_asymmetry",
     "rate_limit",

@@ -146,7 +146,7 @@ impl<'a> Check<'a> {
             self.tree.slots.iter().map(|s| (s.name.text.clone(), s.name.text.clone())).collect();
         let own = self.names.iter().filter(|(_, (what, _))| matches!(what, What::Tunable | What::Own(Role::Const)));
         let known: HashMap<String, f64> = own.map(|(name, _)| (name.to_string(), 1.0)).collect();
-        let answers = Answers { pool: &self.tree.pool, bound: &bound, known: &known, scales: &Nominal };
+        let answers = Answers { pool: &self.tree.pool, bound: &bound, known: &known, scales: &Nominal, subject: None };
         if answers.list(&[e]).is_empty() && self.findings.is_empty() {
             let message = "this is no number that the data could give".to_string();
             let hint = "numbers, `inf`, consts, `size(x)`, `scale(x, 0.1)`, `quantile(x, q)`, `speed(x, q)`, `step`, `duration`";

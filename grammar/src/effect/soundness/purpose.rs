@@ -6,7 +6,7 @@ use crate::source::Span;
 use crate::syntax::{EffectLine, Expr, ExprRef, Name, Tunable, Value};
 
 impl<'a> Check<'a> {
-    /// Tests are made of `depends`, `known`, `shared`, `power`, `consumes`, `produces`, comparisons of slots, `and`, `or` and `not`.
+    /// Tests are made of the [`TESTS`], comparisons of slots, `and`, `or` and `not`.
     pub(super) fn conditions(&mut self) {
         let pool = &self.tree.pool;
         for condition in &self.tree.conditions {
@@ -15,38 +15,28 @@ impl<'a> Check<'a> {
                 let span = pool.span(e);
                 match pool.expr(e) {
                     Expr::Name(name) => self.slot(name, span),
-                    Expr::Call(name, arguments) => match (name.text.as_str(), arguments.len()) {
-                        ("depends" | "consumes" | "produces" | "power", 2) | ("known" | "shared" | "der", 1) => {
-                            open.extend(arguments)
+                    Expr::Call(name, arguments) => {
+                        let (word, n) = (name.text.as_str(), arguments.len());
+                        match TESTS.iter().find(|test| test.word == word) {
+                            Some(test) if test.arguments == n => open.extend(arguments),
+                            Some(test) => {
+                                let plural = if n == 1 { "" } else { "s" };
+                                let message = format!("`{word}` does not take {n} argument{plural}");
+                                self.tell(Code::ArgumentCount, span, message, format!("`{}`", test.form));
+                            }
+                            None => {
+                                let hint = match nearest(word, TESTS.iter().map(|test| test.word)) {
+                                    Some(near) => format!("did you mean `{near}`?"),
+                                    None => forms(),
+                                };
+                                let message = format!("the test `{word}` does not exist");
+                                self.tell(Code::UnknownFunction, name.span, message, hint);
+                            }
                         }
-                        (word @ ("depends" | "consumes" | "produces" | "power" | "known" | "shared" | "der"), n) => {
-                            let form = match word {
-                                "depends" => "depends(der(x), z)",
-                                "consumes" => "consumes(p, x)",
-                                "produces" => "produces(p, x)",
-                                "shared" => "shared(i)",
-                                "power" => "power(i, x)",
-                                _ => "known(der(x))",
-                            };
-                            let plural = if n == 1 { "" } else { "s" };
-                            let message = format!("`{word}` does not take {n} argument{plural}");
-                            self.tell(Code::ArgumentCount, span, message, format!("`{form}`"));
-                        }
-                        (word, _) => {
-                            let hint = match nearest(
-                                word,
-                                ["depends", "consumes", "produces", "power", "known", "shared", "der"],
-                            ) {
-                                Some(near) => format!("did you mean `{near}`?"),
-                                None => CONDITION_FORMS.into(),
-                            };
-                            let message = format!("the test `{word}` does not exist");
-                            self.tell(Code::UnknownFunction, name.span, message, hint);
-                        }
-                    },
+                    }
                     Expr::Unary(crate::syntax::UnarySign::Not, a) => open.push(*a),
                     Expr::Binary(sign, a, b, _) if is_test(*sign) => open.extend([*b, *a]),
-                    _ => self.tell(Code::WantedCondition, span, "this is no test".into(), CONDITION_FORMS),
+                    _ => self.tell(Code::WantedCondition, span, "this is no test".into(), forms()),
                 }
             }
         }
@@ -123,7 +113,36 @@ impl<'a> Check<'a> {
     }
 }
 
-const CONDITION_FORMS: &str = "tests are `depends(der(x), z)`, `known(der(x))`, `shared(i)`, `power(i, x)`, `consumes(p, x)`, `produces(p, x)`, `x == z`, `x < z` (x stands before z), `and`, `or`, `not`";
+/// A function of which conditions are made.
+struct Test {
+    word: &'static str,
+    arguments: usize,
+    /// How it is written.
+    form: &'static str,
+}
+
+const TESTS: [Test; 11] = [
+    Test { word: "depends", arguments: 2, form: "depends(der(x), z)" },
+    Test { word: "known", arguments: 1, form: "known(der(x))" },
+    Test { word: "der", arguments: 1, form: "known(der(x))" },
+    Test { word: "shared", arguments: 1, form: "shared(i)" },
+    Test { word: "power", arguments: 2, form: "power(i, x)" },
+    Test { word: "intensive", arguments: 1, form: "intensive(x)" },
+    Test { word: "temperature", arguments: 1, form: "temperature(x)" },
+    Test { word: "unitless", arguments: 1, form: "unitless(x)" },
+    Test { word: "alike", arguments: 2, form: "alike(x, z)" },
+    Test { word: "consumes", arguments: 2, form: "consumes(p, x)" },
+    Test { word: "produces", arguments: 2, form: "produces(p, x)" },
+];
+
+/// All of them in a sentence.
+fn forms() -> String {
+    let own = TESTS.iter().filter(|test| test.word != "der").map(|test| format!("`{}`", test.form));
+    format!(
+        "tests are {}, `x == z`, `x < z` (x stands before z), `and`, `or`, `not`",
+        own.collect::<Vec<_>>().join(", ")
+    )
+}
 
 fn is_test(sign: crate::syntax::BinarySign) -> bool {
     use crate::syntax::BinarySign::*;
