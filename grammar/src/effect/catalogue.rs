@@ -19,7 +19,7 @@ const MOST_PLACES: usize = 2000;
 const MOST_LOOKED_AT: usize = 1_000_000;
 
 /// Most places of an effect of one field, where no field was chosen: it is searched where that costs little.
-const CHEAP: usize = 60;
+const CHEAP: usize = 40;
 
 /// Effects by the order of their texts.
 #[derive(Debug, Clone, Default)]
