@@ -51,6 +51,14 @@ pub(super) fn fits(effect: &Effect, subject: &Subject, targets: &[&Target]) -> b
 fn node(effect: &Effect, subject: &Subject, targets: &[&Target], e: ExprRef, parts: &[Part]) -> Part {
     let at = |e: &ExprRef| parts[e.0 as usize];
     let truth = |e: &ExprRef| matches!(at(e), Part::Truth(true));
+    let of_one = |a: &ExprRef, holds: &dyn Fn(&str) -> bool| match at(a) {
+        Part::Thing(k) => Part::Truth(holds(&targets[k].name)),
+        _ => Part::Nothing,
+    };
+    let of_two = |a: &ExprRef, b: &ExprRef, holds: &dyn Fn(&str, &str) -> bool| match (at(a), at(b)) {
+        (Part::Thing(a), Part::Thing(b)) => Part::Truth(holds(&targets[a].name, &targets[b].name)),
+        _ => Part::Nothing,
+    };
     match effect.tree().pool.expr(e) {
         Expr::Name(name) => effect.slot(name).map_or(Part::Nothing, Part::Thing),
         Expr::Unary(UnarySign::Not, a) => Part::Truth(!truth(a)),
@@ -79,39 +87,14 @@ fn node(effect: &Effect, subject: &Subject, targets: &[&Target], e: ExprRef, par
                 Part::Rate(k) | Part::Thing(k) => Part::Truth(is_known(subject, &targets[k].name)),
                 _ => Part::Nothing,
             },
-            ("shared", [a]) => match at(a) {
-                Part::Thing(k) => Part::Truth(is_shared(subject, &targets[k].name)),
-                _ => Part::Nothing,
-            },
-            ("power", [i, x]) => match (at(i), at(x)) {
-                (Part::Thing(i), Part::Thing(x)) => Part::Truth(is_power(subject, &targets[i].name, &targets[x].name)),
-                _ => Part::Nothing,
-            },
-            ("temperature", [a]) => match at(a) {
-                Part::Thing(k) => Part::Truth(has_dimension(subject, &targets[k].name, TEMPERATURE)),
-                _ => Part::Nothing,
-            },
-            ("unitless", [a]) => match at(a) {
-                Part::Thing(k) => {
-                    Part::Truth(subject.unit(&targets[k].name).is_none_or(|unit| unit.dimension == [0; 7]))
-                }
-                _ => Part::Nothing,
-            },
-            ("intensive", [a]) => match at(a) {
-                Part::Thing(k) => Part::Truth(is_intensive(subject, &targets[k].name)),
-                _ => Part::Nothing,
-            },
-            ("alike", [a, b]) => match (at(a), at(b)) {
-                (Part::Thing(a), Part::Thing(b)) => Part::Truth(are_alike(subject, &targets[a].name, &targets[b].name)),
-                _ => Part::Nothing,
-            },
-            ("consumes" | "produces", [p, x]) => match (at(p), at(x)) {
-                (Part::Thing(p), Part::Thing(x)) => {
-                    let sign = if name.text == "consumes" { Turnover::Consumed } else { Turnover::Produced };
-                    Part::Truth(subject.turnover(&targets[p].name, &targets[x].name) == Some(sign))
-                }
-                _ => Part::Nothing,
-            },
+            ("shared", [a]) => of_one(a, &|x| is_shared(subject, x)),
+            ("temperature", [a]) => of_one(a, &|x| subject.unit(x).is_some_and(|u| u.dimension == TEMPERATURE)),
+            ("intensive", [a]) => of_one(a, &|x| subject.unit(x).is_some_and(|u| is_intensive(&u))),
+            ("unitless", [a]) => of_one(a, &|x| subject.unit(x).is_none_or(|u| u.dimension == [0; 7])),
+            ("power", [i, x]) => of_two(i, x, &|i, x| is_power(subject, i, x)),
+            ("alike", [a, b]) => of_two(a, b, &|a, b| are_alike(subject, a, b)),
+            ("consumes", [p, x]) => of_two(p, x, &|p, x| subject.turnover(p, x) == Some(Turnover::Consumed)),
+            ("produces", [p, x]) => of_two(p, x, &|p, x| subject.turnover(p, x) == Some(Turnover::Produced)),
             ("depends", [a, b]) => match (at(a), at(b)) {
                 (Part::Rate(k) | Part::Thing(k), Part::Thing(z)) => {
                     Part::Truth(depends(subject, &targets[k].name, &targets[z].name))
@@ -146,17 +129,12 @@ fn is_power(subject: &Subject, force: &str, speed: &str) -> bool {
 /// Exponents of a temperature.
 const TEMPERATURE: [i8; 7] = [0, 0, 0, 0, 1, 0, 0];
 
-fn has_dimension(subject: &Subject, name: &str, dimension: [i8; 7]) -> bool {
-    subject.unit(name).is_some_and(|unit| unit.dimension == dimension)
-}
-
-/// Whether something is a temperature, or how much of a substance there is, in moles or by volume in moles or mass. Nothing is said
-/// where its unit is missing.
-fn is_intensive(subject: &Subject, name: &str) -> bool {
-    subject.unit(name).is_some_and(|unit| match unit.dimension {
+/// Whether a unit is that of a temperature, or of how much of a substance there is, in moles or by volume in moles or mass.
+fn is_intensive(unit: &Unit) -> bool {
+    match unit.dimension {
         [_, 0, 0, 0, 0, moles, 0] if moles != 0 => true,
         dimension => [TEMPERATURE, [-3, 1, 0, 0, 0, 0, 0]].contains(&dimension),
-    })
+    }
 }
 
 /// Whether two things measure the same. Nothing is said where a unit is missing.
