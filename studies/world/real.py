@@ -16,8 +16,8 @@ import numpy as np
 from asking import answer
 from score import ROOT, build_of, grouped, said
 
-# effects that stand in for physics that has a name: those that the catalogue calls so, and two of sensors
-STAND_INS = {"output_scale", "sensor_position", *re.findall(
+# effects that stand in for physics that has a name: those that the catalogue calls so, and some of sensors
+STAND_INS = {"output_scale", "temperature_scale", "sensor_position", "thermometer_position", *re.findall(
     r"^effect (\w+)\([^{]*\bas stand_in\b", (ROOT / "models" / "effects.fdm").read_text(), re.M)}
 
 

@@ -396,6 +396,33 @@ fn friction_does_not_act_on_temperatures_and_concentrations() {
 }
 
 #[test]
+fn a_thermometer_has_its_scale_about_a_temperature_and_stands_between_two() {
+    let text = |x: &str, z: &str| {
+        format!(
+            "model a {{ state x [{x}], z [{z}]; param k = 1 [1/s]; der(x) = -k*x; der(z) = -k*z; output y [{z}] = z; }}"
+        )
+    };
+    let written = |effect: &str| extended(&text("K", "K"), effect).text().to_string();
+    let (scaled, between) = (written("temperature_scale(y)"), written("thermometer_position(y, x)"));
+    assert!(scaled.contains("*(z - middle_y)"), "{scaled}");
+    assert!(between.contains("*(x - z)"), "{between}");
+    // each has one of two forms, and what no sensor feels is not tried
+    let names = ["output_scale", "temperature_scale", "sensor_position", "thermometer_position"];
+    let kinds = [
+        ("m", "m", [1, 0, 1, 0]),
+        ("K", "K", [0, 1, 0, 1]),
+        ("degC", "degC", [0, 1, 0, 1]),
+        ("K", "m", [1, 0, 0, 0]),
+        ("m", "K", [0, 1, 1, 0]),
+    ];
+    for (x, z, expected) in kinds {
+        let places = Catalogue::standard().places(&subject(&text(x, z)));
+        let count = |name| places.candidates.iter().filter(|c| c.effect().name() == name).count();
+        assert_eq!(names.map(count), expected, "{x} {z}");
+    }
+}
+
+#[test]
 fn heat_is_radiated_from_absolute_zero_on_whatever_the_scale() {
     let text = |unit: &str| {
         format!(

@@ -190,7 +190,9 @@ pub(super) fn separating(a: &EffectAt, b: &EffectAt) -> String {
     if either("time_varying_parameter") || either("output_bias_drift") {
         return format!("{pair}: repeat the runs in reverse order, or begin with the end of the manoeuvre");
     }
-    if either("output_scale") || either("output_delay") || either("sensor_lag") || either("sensor_position") {
+    const OF_A_SENSOR: [&str; 6] =
+        ["output_scale", "temperature_scale", "output_delay", "sensor_lag", "sensor_position", "thermometer_position"];
+    if OF_A_SENSOR.into_iter().any(either) {
         return format!("{pair}: a second sensor of the same quantity, or a manoeuvre through another input");
     }
     if both(LATE) {
