@@ -100,7 +100,7 @@ fn the_standard_catalogue_is_sound_and_has_every_name() {
     assert!(findings.is_empty(), "{findings:?}");
     for name in "input_delay output_delay actuator_lag sensor_lag input_dead_zone input_saturation rate_limit backlash \
         input_scale_asymmetry input_square input_cube input_curvature output_scale temperature_scale \
-        output_bias_drift sensor_position thermometer_position missing_coupling missing_control quadratic_damping \
+        output_bias_drift sensor_position thermometer_position missing_coupling missing_control heat_exchange quadratic_damping \
         cubic_stiffness quadratic_term curvature coulomb_friction product_term unmodelled_mode state_saturation \
         constant_force lag_in_coupling time_varying_parameter slow_mode process_noise joint_friction joint_damping \
         lugre_friction play_hysteresis slipstream added_mass wave_memory downwash_lag inflow_lag dynamic_stall gate \

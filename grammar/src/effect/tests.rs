@@ -396,6 +396,27 @@ fn friction_does_not_act_on_temperatures_and_concentrations() {
 }
 
 #[test]
+fn heat_flows_by_differences_of_temperature() {
+    let text = |unit: &str| {
+        format!(
+            "model a {{ input room [{unit}], u [{unit}/s]; state T [{unit}], S [{unit}]; param k = 1 [1/s], c = 1;
+             der(T) = c*u; der(S) = u - k*(S - room); output y [{unit}] = T; }}"
+        )
+    };
+    let heat = extended(&text("K"), "heat_exchange(T, S)");
+    assert!(heat.text().contains("*(S - T)"), "{}", heat.text());
+    let lost = extended(&text("K"), "heat_exchange(T)");
+    assert!(lost.text().contains(" - T)"), "{}", lost.text());
+    // as a speed, T would be coupled with each signal by its own size
+    let names = ["heat_exchange", "missing_coupling", "missing_control"];
+    for (unit, expected) in [("K", [4, 0, 0]), ("degC", [4, 0, 0]), ("m/s", [0, 3, 1])] {
+        let places = Catalogue::standard().places(&subject(&text(unit)));
+        let count = |name| places.candidates.iter().filter(|c| c.effect().name() == name).count();
+        assert_eq!(names.map(count), expected, "{unit}");
+    }
+}
+
+#[test]
 fn a_thermometer_has_its_scale_about_a_temperature_and_stands_between_two() {
     let text = |x: &str, z: &str| {
         format!(
@@ -403,7 +424,7 @@ fn a_thermometer_has_its_scale_about_a_temperature_and_stands_between_two() {
         )
     };
     let written = |effect: &str| extended(&text("K", "K"), effect).text().to_string();
-    let (scaled, between) = (written("temperature_scale(y)"), written("thermometer_position(y, x)"));
+    let (scaled, between) = (written("temperature_scale(y)"), written("thermometer_position(y, z, x)"));
     assert!(scaled.contains("*(z - middle_y)"), "{scaled}");
     assert!(between.contains("*(x - z)"), "{between}");
     // each has one of two forms, and what no sensor feels is not tried
