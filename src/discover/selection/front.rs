@@ -54,6 +54,8 @@ const FOLDS: usize = 3;
 const EACH: usize = 4;
 /// Of them those that are fitted plainly, the likeliest by the joint fit; others only where all of these fail.
 const FITTED: usize = 2;
+/// Most changes of a model of two effects.
+const REVISIONS: usize = 4;
 /// Part of the squared error below which an improvement by a stand-in is of no use, however significant.
 const USELESS: f64 = 0.02;
 /// Standard errors beyond which plain errors contradict an effect.
@@ -409,12 +411,7 @@ impl FrontProblem<'_> {
         let without = |k: &usize| -> Option<(Vec<Accepted>, FittedModel, SplitFit)> {
             let mut accepted = level.accepted.clone();
             accepted.remove(*k);
-            let effects: Vec<_> = accepted.iter().map(|a| a.written_at(&level.split.fitting)).collect();
-            let (smaller, params) =
-                rebuilt(self.first, &level.current, &level.split.theta, self.runs, &effects).ok()?;
-            accepted.iter_mut().zip(params).for_each(|(a, params)| a.params = params);
-            let split = split_fit(&smaller, self.runs, self.noise).ok()?;
-            Some((accepted, smaller, split))
+            self.rebuilt_with(level, accepted)
         };
         let mut found: Vec<_> = tried.par_iter().filter_map(without).collect();
         found.sort_by(|a, b| a.2.cost().total_cmp(&b.2.cost()));
@@ -432,19 +429,50 @@ impl FrontProblem<'_> {
         best.map(|level| self.revised(level))
     }
 
-    /// A model of two effects, or the one with another effect in the place of the first that is likelier beside the second and leaves less:
-    /// among more effects these had shared its part.
+    /// A model of two effects, each revised beside the other until neither changes: among more effects others had shared its part.
     fn revised(&self, level: Level) -> Level {
+        let mut level = level;
+        for _ in 0..REVISIONS {
+            let Some(other) = self.first_revised(&level) else { break };
+            level = self.turned(&other).unwrap_or(other);
+        }
+        level
+    }
+
+    /// The model with another effect in the place of the first of two, where that is likelier beside the second and leaves less.
+    fn first_revised(&self, level: &Level) -> Option<Level> {
         if level.accepted.len() != 2 {
-            return level;
+            return None;
         }
         let mut accepted = level.accepted.clone();
-        let current = revise(Arc::clone(&level.current), self.first, self.runs, self.noise, &mut accepted);
-        let split = current.and_then(|current| Ok((split_fit(&current, self.runs, self.noise)?, current)));
-        let changed = accepted[0].cause.place != level.accepted[0].cause.place;
-        let other = split.ok().filter(|_| changed);
-        let other = other.map(|(split, current)| self.level(level.path, accepted, current, split));
-        other.filter(|other| other.ratio() < level.ratio()).unwrap_or(level)
+        let current = revise(Arc::clone(&level.current), self.first, self.runs, self.noise, &mut accepted).ok()?;
+        if accepted[0].cause.place == level.accepted[0].cause.place {
+            return None;
+        }
+        let split = split_fit(&current, self.runs, self.noise).ok()?;
+        let other = self.level(level.path, accepted, current, split);
+        Some(other).filter(|other| other.ratio() < level.ratio())
+    }
+
+    /// The same model with its effects in the other order.
+    fn turned(&self, level: &Level) -> Option<Level> {
+        let mut accepted = level.accepted.clone();
+        accepted.reverse();
+        let (accepted, current, split) = self.rebuilt_with(level, accepted)?;
+        Some(self.level(level.path, accepted, Arc::new(current), split))
+    }
+
+    /// Some of the effects of a model, fitted jointly from its values.
+    fn rebuilt_with(
+        &self,
+        level: &Level,
+        mut accepted: Vec<Accepted>,
+    ) -> Option<(Vec<Accepted>, FittedModel, SplitFit)> {
+        let effects: Vec<_> = accepted.iter().map(|a| a.written_at(&level.split.fitting)).collect();
+        let (model, params) = rebuilt(self.first, &level.current, &level.split.theta, self.runs, &effects).ok()?;
+        accepted.iter_mut().zip(params).for_each(|(a, params)| a.params = params);
+        let split = split_fit(&model, self.runs, self.noise).ok()?;
+        Some((accepted, model, split))
     }
 
     /// Which of them is recommended: they come with falling numbers of parameters.
