@@ -9,10 +9,28 @@ pub use pulp::{Simd, WithSimd};
 /// Numbers in the widest register, to which rows are padded.
 pub const VECTOR: usize = 8;
 
-/// Runs a task (a [`WithSimd`], or a closure that inlines what it calls) with the widest instructions of this processor.
+/// Runs a task with the widest instructions of this processor. A closure is none: see [`widest`].
 #[inline(always)]
 pub fn dispatch<T: WithSimd>(task: T) -> T::Output {
     pulp::Arch::new().dispatch(task)
+}
+
+/// The same for a closure, which says `#[inline(always)]` as what it calls does. (As a task it would be called once by value, and for a closure
+/// that need not be that is a function of its own, compiled for the least of processors.)
+#[inline(always)]
+pub fn widest<O>(work: impl FnMut() -> O) -> O {
+    dispatch(Inlined(work))
+}
+
+struct Inlined<F>(F);
+
+impl<O, F: FnMut() -> O> WithSimd for Inlined<F> {
+    type Output = O;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(mut self, _: S) -> O {
+        (self.0)()
+    }
 }
 
 /// `to += a from`, whole vectors.

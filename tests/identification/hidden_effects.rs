@@ -482,6 +482,51 @@ fn heat_radiated_to_a_room() {
     assert!((value - truth).abs() < 4.0 * error, "{value} +- {error}, {truth}");
 }
 
+/// Two blocks that touch: what one gives the other takes, so both equations lack the same conductance.
+#[test]
+fn heat_that_two_blocks_exchange() {
+    const CONDUCTANCE: f64 = 0.18;
+    const TEXT: &str = "model blocks { input left [W], right [W]; const room = 21 [degC], A = 90 [J/K], B = 60 [J/K];
+        state S [degC] = free, T [degC] = free; param GS = 0.6 [W/K], GT = 0.5 [W/K], e = 1 [1];
+        A*der(S) = e*left - GS*(S - room); B*der(T) = e*right - GT*(T - room);
+        output first [degC] = S, second [degC] = T; }";
+    let (dt, samples) = (5.0, 400);
+    let powers = |run: f64| {
+        move |t: f64| {
+            let on = |pace: f64, phase: f64| if (pace * t + phase * run).sin() > -0.2 { 30.0 } else { 2.0 };
+            [on(0.0071, 0.9), on(0.0113, 2.1)]
+        }
+    };
+    let run = |number: f64, name: &str| {
+        let powers = powers(number);
+        let states = motion([24.0, 23.0], (samples, dt), |t, [s, w]| {
+            let [left, right] = powers(t);
+            let over = CONDUCTANCE * (s - w);
+            [(left - 0.5 * (s - 21.0) - over) / 90.0, (right - 0.4 * (w - 21.0) + over) / 60.0]
+        });
+        record(name, dt, (&states, [0.05; 2]), powers)
+    };
+    let names = [
+        "heat_exchange",
+        "missing_coupling",
+        "missing_control",
+        "radiation",
+        "constant_force",
+        "curvature",
+        "input_bias",
+        "output_bias",
+        "temperature_scale",
+        "thermometer_position",
+    ];
+    let found = found(TEXT, &[run(0.0, "one"), run(1.0, "two")], &[run(2.0, "three")], Field::Process, &names);
+    assert_eq!(found.causes.len(), 2, "{found:#?}");
+    // in the units of equations that are not solved for their derivatives, both are the conductance
+    for place in ["heat_exchange(S, T)", "heat_exchange(T, S)"] {
+        let (value, error) = size(&found, place);
+        assert!((value - CONDUCTANCE).abs() < 4.0 * error && error < 0.1 * CONDUCTANCE, "{place}: {value} +- {error}");
+    }
+}
+
 #[test]
 fn a_rudder_that_acts_as_the_sine_of_its_angle() {
     const TEXT: &str = "model yaw { input rudder [rad]; state r [rad/s] = 0; param N = 0.4 [1/s^2], d = 0.5 [1/s];

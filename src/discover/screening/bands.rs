@@ -31,8 +31,8 @@ pub(super) struct Band {
     pub(super) log_frequency: f64,
     /// Number of bins.
     pub(super) count: usize,
-    /// R with R'R the products of the shared columns (rank by r).
-    pub(super) factor: DMatrix<f64>,
+    /// R' with R'R the products of the shared columns (r by as few as carry them, or by bins).
+    pub(super) root: DMatrix<f64>,
     /// Products of the shared columns with the residual (r).
     pub(super) products: DVector<f64>,
     /// Sum of squares of the residual.
@@ -86,14 +86,14 @@ impl Band {
         let count: usize = rows.iter().map(|(_, rows)| rows.len()).sum();
         let logs = rows.iter().flat_map(|(k, rows)| &shared.parts[*k].frequency[rows.clone()]).map(|f| f.ln());
         let log_frequency = logs.sum::<f64>() / count as f64;
-        let (factor, products) = (DMatrix::zeros(0, 0), DVector::zeros(0));
-        let mut band = Self { channel, reference, log_frequency, count, factor, products, residual: 0.0, rows };
+        let (root, products) = (DMatrix::zeros(0, 0), DVector::zeros(0));
+        let mut band = Self { channel, reference, log_frequency, count, root, products, residual: 0.0, rows };
         if count == 0 {
             return None;
         }
         let (columns, residual) = band.gather(shared, shape);
         (band.products, band.residual) = (columns.tr_mul(&residual), residual.norm_squared());
-        band.factor = factored(&columns, NEGLIGIBLE * shape.at(band.log_frequency));
+        band.root = root_of(&columns, NEGLIGIBLE * shape.at(band.log_frequency));
         Some(band)
     }
 
@@ -141,59 +141,52 @@ fn edges(parts: &[OutputPart], peaks: &[f64]) -> Vec<f64> {
     edges
 }
 
-/// Columns from which on only those products are made that are asked for: a narrow band has the rank of a few bins.
+/// Columns from which on a band of no more bins than columns keeps its bins: of 1,145 columns in 30,000 bins of 216 bands, pivots left
+/// 28,754 rows.
 const MANY: usize = 256;
 
-/// R of as few rows as carry the products R'R of columns (Cholesky with pivots, ended where no more than this is left).
-fn factored(columns: &DMatrix<f64>, negligible: f64) -> DMatrix<f64> {
+/// R' of as few columns as carry the products R'R of a band's columns (Cholesky with pivots, ended where no more than this is left).
+fn root_of(columns: &DMatrix<f64>, negligible: f64) -> DMatrix<f64> {
     let (bins, size) = columns.shape();
-    let products = (size < MANY || 2 * bins >= size).then(|| gram(columns));
-    let mut left: Vec<f64> = match &products {
-        Some(products) => products.diagonal().iter().copied().collect(),
-        None => columns.column_iter().map(|column| column.norm_squared()).collect(),
-    };
-    let mut rows: Vec<DVector<f64>> = Vec::new();
-    while rows.len() < size.min(bins) {
+    if size >= MANY && bins <= size {
+        return columns.transpose();
+    }
+    let products = gram(columns);
+    let mut left: Vec<f64> = products.diagonal().iter().copied().collect();
+    let mut found: Vec<DVector<f64>> = Vec::new();
+    while found.len() < size.min(bins) {
         let Some(pivot) = (0..size).max_by(|a, b| left[*a].total_cmp(&left[*b])) else { break };
         if left[pivot].is_nan() || left[pivot] <= negligible {
             break;
         }
-        let mut row = match &products {
-            Some(products) => products.column(pivot).into_owned(),
-            None => columns.tr_mul(&columns.column(pivot)),
-        };
-        rows.iter().for_each(|known| row.axpy(-known[pivot], known, 1.0));
-        row /= left[pivot].sqrt();
-        left.iter_mut().zip(row.iter()).for_each(|(left, value)| *left = (*left - value * value).max(0.0));
+        let mut own = products.column(pivot).into_owned();
+        found.iter().for_each(|known| own.axpy(-known[pivot], known, 1.0));
+        own /= left[pivot].sqrt();
+        left.iter_mut().zip(own.iter()).for_each(|(left, value)| *left = (*left - value * value).max(0.0));
         left[pivot] = 0.0;
-        rows.push(row);
+        found.push(own);
     }
-    let mut all = DMatrix::zeros(rows.len(), size);
-    all.row_iter_mut().zip(&rows).for_each(|(mut own, row)| own.tr_copy_from(row));
-    all
+    if found.is_empty() { DMatrix::zeros(size, 0) } else { DMatrix::from_columns(&found) }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Products that are made one by one carry as much as all of them made at once.
     #[test]
-    fn a_narrow_band_of_many_columns_is_factored_by_what_is_asked_for() {
-        let (bins, size) = (40, 2 * MANY);
+    fn roots_carry_the_products_of_few_columns_and_of_many() {
+        let bins = 40;
         // twelve waves in all columns, and next to nothing beside them
         let wave = |i: usize, k: usize| (i as f64 * (0.05 + 0.21 * k as f64) + k as f64).sin();
         let weight = |k: usize, j: usize| ((j * (k + 3) + k) as f64 * 0.37).cos();
-        let columns = DMatrix::from_fn(bins, size, |i, j| {
-            (0..12).map(|k| wave(i, k) * weight(k, j)).sum::<f64>() + 1e-6 * wave(i, 13 + j % 7)
-        });
-        let factor = factored(&columns, 1e-7);
-        assert!((12..20).contains(&factor.nrows()), "{}", factor.nrows());
-        let (own, all) = (factor.transpose() * &factor, gram(&columns));
-        assert!((&own - &all).amax() < 1e-6 * all.amax(), "{}", (&own - &all).amax());
-        // of few columns all products are made: the same factor
-        let few = columns.columns(0, MANY - 1).into_owned();
-        let factor = factored(&few, 1e-7);
-        assert!((factor.transpose() * &factor - gram(&few)).amax() < 1e-6 * all.amax());
+        for (size, ranks) in [(MANY - 1, 12..20), (MANY, bins..bins + 1), (30, 12..20)] {
+            let columns = DMatrix::from_fn(bins, size, |i, j| {
+                (0..12).map(|k| wave(i, k) * weight(k, j)).sum::<f64>() + 1e-6 * wave(i, 13 + j % 7)
+            });
+            let root = root_of(&columns, 1e-7);
+            assert!(ranks.contains(&root.ncols()), "{}", root.ncols());
+            let (own, all) = (&root * root.transpose(), columns.transpose() * &columns);
+            assert!((&own - &all).amax() < 1e-6 * all.amax(), "{}", (&own - &all).amax());
+        }
     }
 }

@@ -12,7 +12,7 @@
 use crate::bins::OutputBins;
 use crate::noise::{LogSpectrum, ResidualPower};
 use fdm_numeric::random::mixed;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DMatrixView, DVector};
 use rayon::prelude::*;
 
 /// Of what a direction has beside the fitted columns, this share of its energy need not be carried.
@@ -215,23 +215,49 @@ impl Sketch {
 }
 
 /// Columns of which all products are made at once.
-const FEW: usize = 64;
+const FEW: usize = 128;
+
+/// Products of columns with each other, A'A, where rows come one part after the other.
+pub(super) struct Products {
+    size: usize,
+    /// Some columns each, from the diagonal down.
+    blocks: Vec<DMatrix<f64>>,
+}
+
+impl Products {
+    /// Of so many columns, without a row yet.
+    pub(super) fn new(size: usize) -> Self {
+        let block = |first: usize| DMatrix::zeros(size - first, FEW.min(size - first));
+        Self { size, blocks: (0..size).step_by(FEW).map(block).collect() }
+    }
+
+    /// With some rows more, which are given as columns. (Products with a transposed view go column by column, and nalgebra 0.35 reads beyond the
+    /// end of a view with other strides where a product has few rows or columns.)
+    pub(super) fn add(&mut self, rows: DMatrixView<'_, f64>) {
+        let size = self.size;
+        self.blocks.par_iter_mut().enumerate().for_each(|(k, block)| {
+            let first = FEW * k;
+            let own = rows.rows(first, block.ncols()).transpose();
+            block.gemm(1.0, &rows.rows(first, size - first), &own, 1.0);
+        });
+    }
+
+    /// All of them.
+    pub(super) fn whole(self) -> DMatrix<f64> {
+        let mut products = DMatrix::zeros(self.size, self.size);
+        for (k, block) in self.blocks.iter().enumerate() {
+            products.view_mut((FEW * k, FEW * k), block.shape()).copy_from(block);
+        }
+        products.fill_upper_triangle_with_lower_triangle();
+        products
+    }
+}
 
 /// A'A.
 pub(super) fn gram(columns: &DMatrix<f64>) -> DMatrix<f64> {
-    let size = columns.ncols();
-    // products with it go by blocks, those of `tr_mul` do not. (A view with other strides would need no copy, but nalgebra 0.35 reads beyond its end
-    // where a product has few rows or columns.)
-    let across = columns.transpose();
-    let below = |first: usize| across.rows(first, size - first) * columns.columns(first, FEW.min(size - first));
-    let firsts: Vec<usize> = (0..size).step_by(FEW).collect();
-    let blocks: Vec<DMatrix<f64>> = firsts.par_iter().map(|first| below(*first)).collect();
-    let mut products = DMatrix::zeros(size, size);
-    for (first, block) in firsts.into_iter().zip(&blocks) {
-        products.view_mut((first, first), block.shape()).copy_from(block);
-    }
-    products.fill_upper_triangle_with_lower_triangle();
-    products
+    let mut products = Products::new(columns.ncols());
+    products.add(columns.transpose().as_view());
+    products.whole()
 }
 
 #[cfg(test)]

@@ -9,7 +9,7 @@
 //! Residuals of noise alone, many at once: drawn band by band, with the fit taken out, and their products with all that is
 //! tried, in the metric of whatever noise each of them seems to have.
 
-use super::bands::Bands;
+use super::bands::{Band, Bands};
 use super::projection::Frame;
 use super::pursuit::Pursuit;
 use super::score::{Trial, equivalents};
@@ -123,8 +123,8 @@ pub(super) fn critical(draws: &[f64], share: f64) -> Option<f64> {
 /// Bands in coordinates of a frame.
 #[derive(Debug, Clone)]
 pub(super) struct NullDraws {
-    /// R of all bands, one below the other (rows by d).
-    factors: DMatrix<f64>,
+    /// R' of all bands, one beside the other (d by rows).
+    roots: DMatrix<f64>,
     /// Each band's rows, and its bins beside them.
     rows: Vec<(Range<usize>, usize)>,
     /// Products in each band, a column for each: of absorbed coordinates (upper triangle), of these with directions, and of pairs.
@@ -146,7 +146,7 @@ struct Pairs {
 
 /// Residuals that were drawn.
 pub(super) struct DrawnResiduals {
-    /// Along the rows of the factors, a column for each residual.
+    /// Along the rows of all bands, a column for each residual.
     along: DMatrix<f64>,
     /// Sums of squares of everything else (bands by residuals).
     beside: DMatrix<f64>,
@@ -192,8 +192,9 @@ impl NullDraws {
         let mut columns: Vec<usize> = trials.iter().flat_map(|t| t.members.iter().copied()).collect();
         columns.sort_unstable();
         columns.dedup();
-        let of = |band: &super::bands::Band| {
-            let factor = &band.factor * &frame.axes;
+        let (roots, rows) = roots(bands, frame);
+        let of = |rows: &Range<usize>| {
+            let factor = roots.columns(rows.start, rows.len()).transpose();
             let own = factor.columns(0, absorbed);
             let seen = factor.columns(absorbed, dimension - absorbed) * frame.directions.select_columns(&columns);
             let mut products = Vec::with_capacity(absorbed * (absorbed + 1) / 2 + absorbed * m + pairs.list.len());
@@ -212,20 +213,16 @@ impl NullDraws {
                 _ => 0.0,
             };
             products.extend(pairs.list.iter().map(product));
-            (factor, products)
+            products
         };
-        let each: Vec<(DMatrix<f64>, Vec<f64>)> = bands.list.par_iter().map(of).collect();
-        let size = each.first().map_or(0, |e| e.1.len());
-        let mut products = DMatrix::zeros(size, each.len());
-        let mut factors = DMatrix::zeros(each.iter().map(|e| e.0.nrows()).sum(), dimension);
-        let (mut rows, mut first) = (Vec::with_capacity(each.len()), 0);
-        for ((k, (factor, own)), band) in each.iter().enumerate().zip(&bands.list) {
-            products.column_mut(k).copy_from_slice(own);
-            factors.rows_mut(first, factor.nrows()).copy_from(factor);
-            rows.push((first..first + factor.nrows(), band.count - factor.nrows()));
-            first += factor.nrows();
-        }
-        Self { factors, rows, products, pairs, directions: frame.directions.clone(), absorbed }
+        let each: Vec<Vec<f64>> = rows.par_iter().map(of).collect();
+        let products = DMatrix::from_vec(each.first().map_or(0, Vec::len), each.len(), each.concat());
+        let beside = |(rows, band): (Range<usize>, &Band)| {
+            let others = band.count - rows.len();
+            (rows, others)
+        };
+        let rows = rows.into_iter().zip(&bands.list).map(beside).collect();
+        Self { roots, rows, products, pairs, directions: frame.directions.clone(), absorbed }
     }
 
     /// Energy of a direction in each band, in units of its noise.
@@ -236,7 +233,7 @@ impl NullDraws {
 
     /// Standard normal residuals times deviations (of each band, for each residual).
     pub(super) fn drawn(&self, deviations: &[Vec<f64>], normals: &mut [Stream]) -> DrawnResiduals {
-        let mut along = DMatrix::zeros(self.factors.nrows(), normals.len());
+        let mut along = DMatrix::zeros(self.roots.ncols(), normals.len());
         let mut beside = DMatrix::zeros(self.rows.len(), normals.len());
         for (k, normal) in normals.iter_mut().enumerate() {
             let mut column = along.column_mut(k);
@@ -251,7 +248,7 @@ impl NullDraws {
 
     /// Products of the axes with residuals, weighed by 1/S (bands; of each residual).
     pub(super) fn products<'a>(&self, drawn: &DrawnResiduals, density: impl Fn(usize) -> &'a [f64]) -> DMatrix<f64> {
-        self.factors.transpose() * drawn.weighed(&self.rows, density)
+        &self.roots * drawn.weighed(&self.rows, density)
     }
 
     /// Each residual by its own noise: from products of the axes with it, and weights 1/S (bands by residuals).
@@ -283,7 +280,7 @@ impl NullDraws {
 }
 
 impl DrawnResiduals {
-    /// Along the rows of the factors, over S.
+    /// Along the rows of all bands, over S.
     fn weighed<'a>(&self, rows: &[(Range<usize>, usize)], density: impl Fn(usize) -> &'a [f64]) -> DMatrix<f64> {
         let mut weighed = self.along.clone();
         for (k, mut column) in weighed.column_iter_mut().enumerate() {
@@ -298,8 +295,8 @@ impl DrawnResiduals {
 /// What is taken out of drawn residuals before their noise is judged: what is fitted, and what each of them follows.
 #[derive(Debug, Clone)]
 pub(super) struct Extraction {
-    /// R of all bands in coordinates of a frame, and each band's rows.
-    factors: DMatrix<f64>,
+    /// R' of all bands in coordinates of a frame (d by rows), and each band's rows.
+    roots: DMatrix<f64>,
     rows: Vec<Range<usize>>,
     /// S of each band, by which it is judged.
     density: Vec<f64>,
@@ -320,36 +317,28 @@ pub(super) struct Left {
 impl Extraction {
     /// With the frame of a density.
     pub(super) fn new(bands: &Bands, frame: &Frame, density: Vec<f64>) -> Self {
-        let (mut rows, mut first) = (Vec::with_capacity(bands.list.len()), 0);
-        for band in &bands.list {
-            rows.push(first..first + band.factor.nrows());
-            first += band.factor.nrows();
-        }
-        let mut factors = DMatrix::zeros(first, frame.axes.ncols());
-        for (rows, band) in rows.iter().zip(&bands.list) {
-            factors.rows_mut(rows.start, rows.len()).copy_from(&(&band.factor * &frame.axes));
-        }
-        let taken = leverages(&factors.columns(0, frame.absorbed).into_owned(), &rows, &density);
+        let (roots, rows) = roots(bands, frame);
+        let taken = leverages(&roots.rows(0, frame.absorbed).into_owned(), &rows, &density);
         let freedom = bands.list.iter().zip(taken).map(|(band, taken)| band.count as f64 - taken).collect();
         let pursuit = frame.pursuit(bands.bins());
-        Self { factors, rows, density, absorbed: frame.absorbed, freedom, pursuit }
+        Self { roots, rows, density, absorbed: frame.absorbed, freedom, pursuit }
     }
 
     /// What is left of residuals that were drawn in the same bands.
     pub(super) fn left(&self, drawn: &DrawnResiduals, drawing: &NullDraws) -> Left {
-        let mut multiples = self.factors.transpose() * drawn.weighed(&drawing.rows, |_| &self.density);
-        let beside = self.factors.ncols() - self.absorbed;
+        let mut multiples = &self.roots * drawn.weighed(&drawing.rows, |_| &self.density);
+        let beside = self.roots.nrows() - self.absorbed;
         let mut freedom = Vec::with_capacity(multiples.ncols());
         for mut column in multiples.column_iter_mut() {
             let mut rest = column.rows_mut(self.absorbed, beside);
             let own = rest.clone_owned();
             let followed = self.pursuit.of(&own);
             rest.copy_from(&(&followed * followed.tr_mul(&own)));
-            let along = self.factors.columns(self.absorbed, beside) * followed;
+            let along = followed.transpose() * self.roots.rows(self.absorbed, beside);
             let taken = leverages(&along, &self.rows, &self.density);
             freedom.push(self.freedom.iter().zip(taken).map(|(bins, taken)| (bins - taken).max(0.0)).collect());
         }
-        let along = &drawn.along - &self.factors * multiples;
+        let along = &drawn.along - (multiples.transpose() * &self.roots).transpose();
         let of = |band: usize, k: usize| {
             let rows = &self.rows[band];
             along.view((rows.start, k), (rows.len(), 1)).norm_squared() + drawn.beside[(band, k)]
@@ -358,9 +347,28 @@ impl Extraction {
     }
 }
 
-/// How many bins of each band orthonormal signals take out, from their rows.
+/// R' of all bands in coordinates of a frame, one beside the other (d by rows), and which are each band's.
+fn roots(bands: &Bands, frame: &Frame) -> (DMatrix<f64>, Vec<Range<usize>>) {
+    let across = frame.axes.transpose();
+    let (mut rows, mut first) = (Vec::with_capacity(bands.list.len()), 0);
+    for band in &bands.list {
+        rows.push(first..first + band.root.ncols());
+        first += band.root.ncols();
+    }
+    let mut roots = DMatrix::zeros(across.nrows(), first);
+    let (mut parts, mut left) = (Vec::with_capacity(rows.len()), roots.as_mut_slice());
+    for band in &bands.list {
+        let (own, others) = left.split_at_mut(across.nrows() * band.root.ncols());
+        parts.push((band, own));
+        left = others;
+    }
+    parts.into_par_iter().for_each(|(band, own)| own.copy_from_slice((&across * &band.root).as_slice()));
+    (roots, rows)
+}
+
+/// How many bins of each band orthonormal signals (k by rows) take out.
 fn leverages(signals: &DMatrix<f64>, rows: &[Range<usize>], density: &[f64]) -> Vec<f64> {
-    let of = |(rows, density): (&Range<usize>, &f64)| signals.rows(rows.start, rows.len()).norm_squared() / density;
+    let of = |(rows, density): (&Range<usize>, &f64)| signals.columns(rows.start, rows.len()).norm_squared() / density;
     rows.iter().zip(density).map(of).collect()
 }
 

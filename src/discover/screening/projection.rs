@@ -2,11 +2,12 @@
 //! beside them.
 
 use super::bands::{Band, Bands};
-use super::basis::{Basis, gram};
+use super::basis::{Basis, Products, gram};
 use super::pursuit::Pursuit;
 use super::score::ABSORBED;
 use fdm_numeric::random::Stream;
-use nalgebra::{DMatrix, DVector, QR, SymmetricEigen};
+use nalgebra::{DMatrix, DMatrixView, DVector, QR, SymmetricEigen};
+use rayon::prelude::*;
 
 /// Combinations of columns (of unit norm) with less than this of the largest energy are not determined.
 const UNDETERMINED: f64 = 1e-12;
@@ -36,17 +37,35 @@ pub(super) struct Frame {
     pub(super) errors: Vec<f64>,
 }
 
+/// Rows of bands that are multiplied at once.
+const ROWS: usize = 1024;
+
 /// Sum over all bands of the products of shared columns, weighed by 1/S.
 fn metric(bands: &Bands, density: &[f64], width: usize) -> DMatrix<f64> {
-    let rows = bands.list.iter().map(|c| c.factor.nrows()).sum();
-    let mut all = DMatrix::zeros(rows, width);
-    let mut row = 0;
-    for (band, density) in bands.list.iter().zip(density) {
-        let own = band.factor.nrows();
-        all.rows_mut(row, own).copy_from(&(&band.factor / density.sqrt()));
-        row += own;
+    let mut products = Products::new(width);
+    let mut rows: Vec<f64> = Vec::new();
+    for (k, (band, density)) in bands.list.iter().zip(density).enumerate() {
+        let scale = density.sqrt().recip();
+        rows.extend(band.root.iter().map(|value| scale * value));
+        if rows.len() >= ROWS * width || k + 1 == bands.list.len() {
+            products.add(DMatrixView::from_slice(&rows, width, rows.len() / width.max(1)));
+            rows.clear();
+        }
     }
-    gram(&all)
+    products.whole()
+}
+
+/// Columns that are worked on side by side.
+const SIDE_BY_SIDE: usize = 64;
+
+/// Does the same to all columns, some at a time.
+fn on_columns(matrix: &mut DMatrix<f64>, work: impl Fn(&mut DMatrix<f64>) + Sync) {
+    let rows = matrix.nrows();
+    matrix.as_mut_slice().par_chunks_mut(SIDE_BY_SIDE * rows.max(1)).for_each(|some| {
+        let mut own = DMatrix::from_column_slice(rows, some.len() / rows, some);
+        work(&mut own);
+        some.copy_from_slice(own.as_slice());
+    });
 }
 
 impl Frame {
@@ -55,18 +74,18 @@ impl Frame {
         let factor = root(metric(bands, density, shared.width()));
         // products of matrices go by blocks, those by a transposed one column by column
         let back = factor.transpose();
-        let (fitted, directions) = (&back * &shared.fitted, &back * &shared.directions);
+        let (fitted, mut directions) = (&back * &shared.fitted, shared.directions.clone());
+        on_columns(&mut directions, |some| *some = &back * &*some);
         let combine = orthonormal(&gram(&fitted));
         let absorbed = combine.ncols();
         // all of Q: the first columns span what is fitted, the others the space beside it
         let turn = QR::new(fitted * &combine);
-        let mut directions = directions;
         let energy = directions.column_iter().map(|d| d.norm_squared()).collect();
-        turn.q_tr_mul(&mut directions);
+        on_columns(&mut directions, |some| turn.q_tr_mul(some));
         let mut axes = DMatrix::identity(shared.width(), shared.width());
-        turn.q_tr_mul(&mut axes);
+        on_columns(&mut axes, |some| turn.q_tr_mul(some));
         let mut axes = axes.transpose();
-        factor.tr_solve_lower_triangular_mut(&mut axes);
+        on_columns(&mut axes, |some| _ = factor.tr_solve_lower_triangular_mut(some));
         let along = directions.rows(0, absorbed).into_owned();
         Self {
             axes,
@@ -198,14 +217,14 @@ fn orthonormal(products: &DMatrix<f64>) -> DMatrix<f64> {
     DMatrix::from_fn(size, own.len(), entry)
 }
 
-/// Leverage of orthonormal combinations (of shared columns) in a band: how many of its bins they take out.
-pub(super) fn leverage(band: &Band, density: f64, basis: &DMatrix<f64>) -> f64 {
-    (&band.factor * basis).norm_squared() / density
+/// Leverage of orthonormal combinations (k by shared columns) in a band: how many of its bins they take out.
+pub(super) fn leverage(band: &Band, density: f64, combinations: &DMatrix<f64>) -> f64 {
+    (combinations * &band.root).norm_squared() / density
 }
 
 /// Sum of squares of the residual in a band without these multiples of the shared columns.
 pub(super) fn remainder(band: &Band, multiples: &DVector<f64>) -> f64 {
-    let taken = (&band.factor * multiples).norm_squared();
+    let taken = band.root.tr_mul(multiples).norm_squared();
     (band.residual - 2.0 * band.products.dot(multiples) + taken).max(0.0)
 }
 

@@ -78,8 +78,9 @@ impl Noise {
         let multiples = &basis * held.tr_mul(&frame.residual(&self.bands, &density));
         let left: Vec<f64> = self.bands.list.par_iter().map(|band| remainder(band, &multiples)).collect();
         let own: Vec<(&Band, &f64)> = self.bands.list.iter().zip(&density).collect();
+        let combinations = basis.transpose();
         let freedom: Vec<f64> =
-            own.par_iter().map(|(c, s)| (c.count as f64 - leverage(c, **s, &basis)).max(0.0)).collect();
+            own.par_iter().map(|(c, s)| (c.count as f64 - leverage(c, **s, &combinations)).max(0.0)).collect();
         self.taken = (basis, multiples);
         self.spectra = self.fitted(&left, &freedom, None);
         self.density = densities(&self.bands, &self.spectra);
@@ -103,7 +104,7 @@ impl Noise {
                 .collect();
             LogSpectrum::of_bands((&left, self.level[channel]), self.bands.narrow, like.map(|like| &like[channel]))
         };
-        (0..self.bands.channels).map(of).collect()
+        (0..self.bands.channels).into_par_iter().map(of).collect()
     }
 }
 

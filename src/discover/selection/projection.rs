@@ -140,12 +140,13 @@ const SIDE: usize = 8;
 pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut sums = [0.0; SIDE];
     let count = a.len().min(b.len());
-    let (a, b) = (&a[..count], &b[..count]);
-    let (first, second) = (a.chunks_exact(SIDE), b.chunks_exact(SIDE));
-    let rest: f64 = first.remainder().iter().zip(second.remainder()).map(|(a, b)| a * b).sum();
-    for (a, b) in first.zip(second) {
-        sums.iter_mut().zip(a.iter().zip(b)).for_each(|(sum, (a, b))| *sum += a * b);
+    let ((first, ends), (second, others)) = (a[..count].as_chunks::<SIDE>(), b[..count].as_chunks::<SIDE>());
+    for (a, b) in first.iter().zip(second) {
+        for k in 0..SIDE {
+            sums[k] += a[k] * b[k];
+        }
     }
+    let rest: f64 = ends.iter().zip(others).map(|(a, b)| a * b).sum();
     sums.iter().sum::<f64>() + rest
 }
 

@@ -5,7 +5,7 @@ use crate::problem::ProblemRun;
 use crate::residuals::autocovariance::add_lagged_products;
 use crate::residuals::autoregression::AutoRegression;
 use crate::unknowns::Unknowns;
-use fdm_numeric::lanes::{Simd, WithSimd, accumulate, dispatch};
+use fdm_numeric::lanes::{Simd, WithSimd, accumulate, dispatch, widest};
 use fdm_system::record::even_grid::EvenGrid;
 use fdm_system::simulate::{Block, Divergence};
 
@@ -383,7 +383,7 @@ fn scale(factor: f64, rows: &mut [f64]) {
 
 fn add(factor: f64, from: &[f64], to: &mut [f64]) {
     if factor != 0.0 {
-        dispatch(
+        widest(
             #[inline(always)]
             || accumulate(factor, from, to),
         );

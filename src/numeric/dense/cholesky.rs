@@ -5,7 +5,7 @@
 //! in blocks that stay in the cache, which changes no order and no bit.
 
 use super::panels::{Terms, add};
-use crate::lanes::dispatch;
+use crate::lanes::widest;
 use rayon::prelude::*;
 
 /// Rows of a factor that are found together: what stands above is read once for all of them.
@@ -45,7 +45,13 @@ impl Cholesky {
         let Self { size: n, upper, sums } = self;
         let n = *n;
         sums.resize(BLOCK * n, 0.0);
-        if n < WIDE { factorise(upper, n, sums) } else { dispatch(|| factorise(upper, n, sums)) }
+        if n < WIDE {
+            return factorise(upper, n, sums);
+        }
+        widest(
+            #[inline(always)]
+            || factorise(upper, n, sums),
+        )
     }
 
     /// Replaces b by the solution of U'U x = b.
@@ -76,7 +82,10 @@ impl Cholesky {
             if n < WIDE {
                 invert_columns(upper, n, first, width, strip);
             } else {
-                dispatch(|| invert_columns(upper, n, first, width, strip));
+                widest(
+                    #[inline(always)]
+                    || invert_columns(upper, n, first, width, strip),
+                );
             }
         };
         if n < THREADED {

@@ -3,7 +3,7 @@
 //! other, nothing is added. The products of `nalgebra` are no use here: their sums have an order and a rounding of their own on every
 //! processor, and a factor and its inverse are to be the same everywhere.
 
-use crate::lanes::dispatch;
+use crate::lanes::widest;
 use rayon::prelude::*;
 
 /// Columns that are worked on while they are in the nearest cache.
@@ -125,7 +125,7 @@ fn add_product((a, inner): (&[f64], usize), (b, n): (&[f64], usize), upper: bool
             from: |k: usize| &b[k * n..(k + 1) * n],
             count: inner,
         };
-        dispatch(
+        widest(
             #[inline(always)]
             || terms.add_to(to, n, if upper { first } else { 0 }),
         );

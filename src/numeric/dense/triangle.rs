@@ -1,6 +1,6 @@
 //! Householder reduction of tall matrices to a triangle, a block of rows at a time: rank is decided on J, never on J'J.
 
-use crate::lanes::dispatch;
+use crate::lanes::widest;
 
 /// Order from which the widest registers are worth choosing.
 const WIDE: usize = 64;
@@ -14,7 +14,10 @@ pub fn reduce(triangle: &mut [f64], order: usize, block: &mut [f64], width: usiz
     if order < WIDE {
         reflect(triangle, order, block, width, work);
     } else {
-        dispatch(|| reflect(triangle, order, block, width, work));
+        widest(
+            #[inline(always)]
+            || reflect(triangle, order, block, width, work),
+        );
     }
 }
 

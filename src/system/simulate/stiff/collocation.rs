@@ -13,7 +13,7 @@ use crate::simulate::error::Divergence;
 use crate::simulate::steps::{NODES, SQRT_6, STAGES};
 use crate::simulate::trajectory::{Interval, Trajectory, diverged, finite, two_nodes};
 use fdm_numeric::dense::lu::{Fused, Lu};
-use fdm_numeric::lanes::{Aligned, dispatch};
+use fdm_numeric::lanes::{Aligned, widest};
 
 /// The stage equations have no solution that can be found; the state that was farthest from one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -115,7 +115,10 @@ impl Collocation {
         end: &mut [f64],
         work: &mut Workspace,
     ) -> Result<(), Unsolved> {
-        dispatch(|| self.solve(dynamics, step, end, work))
+        widest(
+            #[inline(always)]
+            || self.solve(dynamics, step, end, work),
+        )
     }
 
     #[inline(always)]

@@ -11,7 +11,7 @@ use crate::simulate::error::Divergence;
 use crate::simulate::runge_kutta::{Sensitivity, add_delays};
 use crate::simulate::steps::STAGES;
 use crate::simulate::trajectory::{Interval, Trajectory, diverged};
-use fdm_numeric::lanes::{Aligned, accumulate, dispatch};
+use fdm_numeric::lanes::{Aligned, accumulate, widest};
 
 /// Plans and memory for one choice of columns.
 pub(in crate::simulate) struct StiffSensitivity {
@@ -45,7 +45,10 @@ impl StiffSensitivity {
         sink: &mut Sink<'_>,
     ) -> Result<(), Divergence> {
         self.base.begin(&trajectory.known);
-        dispatch(|| self.march(collocation, trajectory, sink))?;
+        widest(
+            #[inline(always)]
+            || self.march(collocation, trajectory, sink),
+        )?;
         self.base.flush(sink);
         Ok(())
     }
