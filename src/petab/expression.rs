@@ -168,6 +168,13 @@ impl Expr {
         found
     }
 
+    /// Whether a function of this name is called in it.
+    pub(crate) fn has_call(&self, function: &str) -> bool {
+        let mut found = false;
+        self.walk(&mut |e| found |= matches!(e, Self::Call(own, _) if *own == function));
+        found
+    }
+
     /// The same with names replaced.
     pub(crate) fn with(self, replaced: &BTreeMap<String, Expr>) -> Expr {
         self.map(&mut |e| match &e {
@@ -195,6 +202,19 @@ impl Expr {
             }
             _ => return None,
         })
+    }
+
+    /// Whether a comparison of numbers holds.
+    pub(crate) fn truth(&self) -> Option<bool> {
+        let Self::Binary(sign, a, b) = self else { return None };
+        let (a, b) = (a.value(&|_| None)?, b.value(&|_| None)?);
+        match sign {
+            Sign::Less => Some(a < b),
+            Sign::AtMost => Some(a <= b),
+            Sign::Greater => Some(a > b),
+            Sign::AtLeast => Some(a >= b),
+            _ => None,
+        }
     }
 
     /// The same without a name that is a factor of all of its terms; `None` where it is not.
