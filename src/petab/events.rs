@@ -129,7 +129,7 @@ fn one(mut group: Vec<Read>, watched: &BTreeSet<String>, others: &dyn Fn(&str) -
 /// An event that happens at once; none where its condition has no formula.
 fn event(node: Node<'_, '_>, functions: &Functions, called: &str) -> Result<Option<Read>, String> {
     if child(node, "delay").is_some() {
-        return Err("what happens after a delay is not read".into());
+        return Err("what happens after a delay is not read: let it set `due = time + delay`, and another event the values when `time > due`".into());
     }
     let trigger = child(node, "trigger").ok_or("it has no trigger")?;
     let formula = |node: Node<'_, '_>| -> Result<Option<Expr>, String> {
