@@ -24,6 +24,8 @@ pub(crate) struct Sbml {
     /// Values when the simulation begins.
     pub(crate) initial: BTreeMap<String, Expr>,
     pub(crate) events: Vec<Event>,
+    /// Compartments whose sizes events set: amounts stay, concentrations jump.
+    pub(crate) resized: BTreeSet<String>,
     /// What a name is called by its authors.
     pub(crate) titles: BTreeMap<String, String>,
 }
@@ -191,12 +193,12 @@ impl Sbml {
         read.declarations(model, &mut wrong);
         read.rules(model, &functions, &mut wrong);
         read.events = events(model, &functions, &mut wrong);
-        for (id, _) in read.events.iter().flat_map(|e| &e.assigned) {
-            let holds = |s: &Species| s.compartment == *id && !s.is_amount;
-            if read.species.iter().any(holds) {
-                wrong.push(format!(
-                    "an event sets the size of `{id}`, in which concentrations would jump: that is not read"
-                ));
+        let sizes = read.events.iter().flat_map(|e| &e.assigned).map(|(id, _)| id);
+        read.resized = sizes.filter(|id| read.compartments.iter().any(|c| c.id == **id)).cloned().collect();
+        for s in read.species.iter().filter(|s| !s.is_amount && read.resized.contains(&s.compartment)) {
+            if read.rates.iter().any(|(id, _)| *id == s.id) {
+                let (of, size) = (&s.id, &s.compartment);
+                wrong.push(format!("an event sets the size of `{size}`, in which `{of}` has a rate rule for its concentration: give the rate of its amount (hasOnlySubstanceUnits)"));
             }
         }
         let names = Mentioned::of(model, outside);

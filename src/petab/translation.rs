@@ -179,6 +179,8 @@ struct Builder<'a> {
     wrong: Vec<String>,
     /// States that get a new value when the experiment begins, with the names that they have for it.
     reset: Vec<Reset>,
+    /// Species whose compartment changes its size, with the states that are their amounts.
+    counted: BTreeMap<String, String>,
 }
 
 /// How a state is set when the experiment begins: it is the sum of what it was before (or its new value) and of its change since.
@@ -197,8 +199,8 @@ struct Reset {
 
 impl<'a> Builder<'a> {
     fn new(sbml: &'a Sbml, problem: Option<&'a Problem>, measured: Measured, names: Names) -> Self {
-        let (statements, wrong, reset) = Default::default();
-        Self { sbml, problem, measured, names, statements, wrong, reset }
+        let (statements, wrong, reset, counted) = Default::default();
+        Self { sbml, problem, measured, names, statements, wrong, reset, counted }
     }
 
     fn import(mut self, stem: &str) -> Result<Import, Vec<String>> {
@@ -453,11 +455,10 @@ impl<'a> Builder<'a> {
     fn begin(&self, initials: &mut [(String, Expr)]) {
         let before: BTreeMap<String, Expr> = initials.iter().cloned().collect();
         for event in self.sbml.events.iter().filter(|e| e.from_start) {
-            let set: BTreeSet<&str> = event.assigned.iter().map(|(id, _)| id.as_str()).collect();
-            let condition = self.at_zero(&event.trigger, &set, &before, 0);
+            let condition = self.at_zero(&event.trigger, &before, 0);
             for (id, value) in &event.assigned {
                 if let Some((_, initial)) = initials.iter_mut().find(|(own, _)| own == id) {
-                    let value = self.at_zero(value, &set, &before, 0);
+                    let value = self.at_zero(value, &before, 0);
                     *initial = match condition.truth() {
                         Some(true) => value,
                         Some(false) => continue,
@@ -468,14 +469,14 @@ impl<'a> Builder<'a> {
         }
     }
 
-    /// `e` when the simulation begins, before the names in `set` get other values than those in `before`.
-    fn at_zero(&self, e: &Expr, set: &BTreeSet<&str>, before: &BTreeMap<String, Expr>, depth: usize) -> Expr {
+    /// `e` when the simulation begins, with values for some names.
+    fn at_zero(&self, e: &Expr, by: &BTreeMap<String, Expr>, depth: usize) -> Expr {
         e.clone().map(&mut |part| match &part {
             Expr::Time => Expr::Number(0.0),
-            Expr::Name(id) if set.contains(id.as_str()) => before.get(id).cloned().unwrap_or(part),
-            Expr::Name(id) if depth < 16 => match self.sbml.assigned.iter().find(|(own, _)| own == id) {
-                Some((_, rule)) => self.at_zero(rule, set, before, depth + 1),
-                None => part,
+            Expr::Name(id) => match (by.get(id), self.sbml.assigned.iter().find(|(own, _)| own == id)) {
+                (Some(value), _) => value.clone(),
+                (None, Some((_, rule))) if depth < 16 => self.at_zero(rule, by, depth + 1),
+                _ => part,
             },
             _ => part,
         })
@@ -513,7 +514,7 @@ impl<'a> Builder<'a> {
     }
 
     fn volume_varies(&self, id: &str) -> bool {
-        self.is_assigned(id) || self.rate(id).is_some()
+        self.is_assigned(id) || self.rate(id).is_some() || self.sbml.resized.contains(id)
     }
 
     /// The initial value of a state; a new value at the beginning of an experiment is noted.
@@ -588,6 +589,15 @@ impl<'a> Builder<'a> {
         value
     }
 
+    /// What an event sets as a state: of a concentration in a compartment that changes its size the amount, by the size just before (semantic test
+    /// suite, 01779).
+    fn set(&self, id: &str, value: &Expr) -> (String, Expr) {
+        match (self.counted.get(id), self.sbml.species.iter().find(|s| s.id == id)) {
+            (Some(amount), Some(species)) => (amount.clone(), times(value.clone(), name(&species.compartment))),
+            _ => (id.into(), value.clone()),
+        }
+    }
+
     /// Whether a comparison holds from one time on, whatever the model does.
     fn is_clock(&self, e: &Expr) -> bool {
         let later = matches!(e, Expr::Binary(Sign::AtLeast, a, _) if **a == Expr::Time);
@@ -596,12 +606,11 @@ impl<'a> Builder<'a> {
 
     /// The first `>=` or `<=` of a condition whose sides are equal when the simulation begins, where they are numbers then.
     fn holds_exactly(&self, condition: &Expr, initials: &[(String, Expr)]) -> Option<Expr> {
-        let set: BTreeSet<&str> = initials.iter().map(|(id, _)| id.as_str()).collect();
         let before: BTreeMap<String, Expr> = initials.iter().cloned().collect();
         let at_zero = |e: &Expr| {
             // initial values that name others
-            let first = self.at_zero(e, &set, &before, 0);
-            self.known(&self.at_zero(&first, &set, &before, 0), 0, 0)
+            let first = self.at_zero(e, &before, 0);
+            self.known(&self.at_zero(&first, &before, 0), 0, 0)
         };
         let mut found = None;
         condition.walk(&mut |part| {
@@ -622,10 +631,10 @@ impl<'a> Builder<'a> {
             for (id, _) in &event.assigned {
                 let why = if self.is_assigned(id) {
                     "follows from a rule at all times"
+                } else if self.counted.contains_key(id) && self.problem.is_some() {
+                    "is a concentration in a compartment whose size another event sets, which PEtab and SBML mean differently: set an amount"
                 } else if self.reset.iter().any(|r| r.id == *id) {
                     "gets a new value after pre-equilibration, which is not read together with events"
-                } else if !self.statements.states.iter().any(|s| s.id == *id) {
-                    "stands for an amount in a compartment that changes its size"
                 } else {
                     continue;
                 };
@@ -643,14 +652,14 @@ impl<'a> Builder<'a> {
                 }
                 None => {}
             }
-            self.statements.events.push((event.trigger.clone(), event.assigned.clone()));
+            let assigned = event.assigned.iter().map(|(id, value)| self.set(id, value)).collect();
+            self.statements.events.push((event.trigger.clone(), assigned));
         }
     }
 
     /// What reactions and rules make of the states.
     fn balances(&mut self, states: &[String], initials: &[(String, Expr)]) {
         let sbml = self.sbml;
-        // species whose compartment grows are counted as amounts
         let mut counted: BTreeMap<String, String> = BTreeMap::new();
         let by_volume = |s: &&Species| states.contains(&s.id) && !s.is_amount && self.rate(&s.id).is_none();
         let by_volume: Vec<&Species> = sbml.species.iter().filter(by_volume).collect();
@@ -661,6 +670,7 @@ impl<'a> Builder<'a> {
                 self.wrong.push(format!("the size of `{}` changes when an experiment begins", s.compartment));
             }
         }
+        self.counted.clone_from(&counted);
         let referred = self.referred();
         let mut outside: BTreeMap<&str, Vec<(Expr, &str)>> = BTreeMap::new();
         let set = |id: &str| sbml.events.iter().flat_map(|e| &e.assigned).any(|(own, _)| own == id);
@@ -671,8 +681,12 @@ impl<'a> Builder<'a> {
         for reaction in &sbml.reactions {
             let net = net(reaction, &free);
             // what reactions do not change would be changed by the line
-            let kept =
-                reaction.reactants.iter().chain(&reaction.products).any(|(id, _)| states.contains(id) && !free(id));
+            let rests = |id: &str| self.statements.states.iter().any(|s| s.id == id);
+            let kept = reaction
+                .reactants
+                .iter()
+                .chain(&reaction.products)
+                .any(|(id, _)| rests(id) || states.contains(id) && !free(id));
             match self.line(reaction, &net, &counted) {
                 Some(line) if !referred.contains(&reaction.id) && !kept => {
                     inside.extend(net.iter().map(|(id, _)| *id));

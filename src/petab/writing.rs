@@ -143,15 +143,20 @@ impl Text<'_> {
         if missing.is_empty() { Ok(used) } else { Err(missing.iter().map(told).collect()) }
     }
 
-    /// An expression in the names of the model.
+    /// A number in the names of the model.
     fn show(&self, e: &Expr) -> String {
+        self.written(e.clone().as_number())
+    }
+
+    /// An expression in the names of the model.
+    fn written(&self, e: Expr) -> String {
         let renamed = self.names.renamed.iter().map(|(id, own)| (id.clone(), name(own))).collect();
         let follows = |id: &str| {
             self.statements.states.iter().any(|s| s.id == id)
                 || self.statements.definitions.iter().any(|(own, d)| own == id && matches!(d, Definition::Let(_)))
         };
         // a derivative of what does not change
-        let moving = e.clone().map(&mut |part| match &part {
+        let moving = e.map(&mut |part| match &part {
             Expr::Call("der", list) if matches!(&list[..], [Expr::Name(id)] if !follows(id)) => Expr::Number(0.0),
             _ => part,
         });
@@ -228,7 +233,12 @@ impl Text<'_> {
         }
         for (condition, sets) in &statements.events {
             let each = sets.iter().map(|(id, e)| format!("{} = {};", self.called(id), self.show(e)));
-            let _ = writeln!(out, "  when {} {{ {} }}", self.show(condition), each.collect::<Vec<_>>().join(" "));
+            let _ = writeln!(
+                out,
+                "  when {} {{ {} }}",
+                self.written(condition.clone().as_condition()),
+                each.collect::<Vec<_>>().join(" ")
+            );
         }
         out.push('\n');
         self.outputs(&mut out);

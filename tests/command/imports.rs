@@ -857,6 +857,25 @@ fn dilution_rates_and_delays_mean_what_sbml_says() {
     all_near(&s, AT.map(|t| 6.0 / (2.0 + t)));
     all_near(&speed, AT.map(|t| -6.0 / (2.0 + t).powi(2)));
     all_near(&ago, AT.map(|t| t - 3.0));
+    // an event halves the vessel: amounts stay; then a concentration is set by what it is just before
+    let event = |at: &str, id: &str, math: &str| {
+        let trigger = mathml(&format!("(gt time {at})"));
+        let sets = mathml(math);
+        format!(
+            "<event><trigger>{trigger}</trigger><listOfEventAssignments><eventAssignment variable=\"{id}\">{sets}</eventAssignment></listOfEventAssignments></event>"
+        )
+    };
+    let halved = sbml(&[
+        ("Compartments", "<compartment id=\"V\" size=\"2\" constant=\"false\"/>".into()),
+        ("Species", species("S", "V", 3.0) + &species("B", "V", 1.0)),
+        ("Parameters", "<parameter id=\"k\" value=\"0.5\"/>".into()),
+        ("Reactions", reaction("r", "B", "", "(times k B V)")),
+        ("Events", event("3", "V", "1") + &event("5", "B", "7")),
+    ]);
+    let [s, b] = responses(&halved, &AT, ["S_m", "B_m"]);
+    all_near(&s, [3.0, 3.0, 6.0, 6.0, 6.0]);
+    let decay = |t: f64| (-0.5 * t).exp();
+    all_near(&b, [1.0, decay(2.0), 2.0 * decay(4.0), 7.0 * decay(1.0), 7.0 * decay(3.0)]);
     // a local parameter whose long name is taken already
     let law = format!(
         "<kineticLaw>{}<listOfLocalParameters><localParameter id=\"k\" value=\"0.5\"/></listOfLocalParameters></kineticLaw>",
