@@ -7,6 +7,7 @@ mod both_domains;
 mod campaigns;
 mod carried;
 mod certified;
+mod combinations;
 mod delays;
 mod events;
 mod examples;
