@@ -6,8 +6,10 @@ use crate::observer::Iteration;
 use crate::residuals::{NoiseVariation, OutputFit};
 use crate::table_nodes::TableEstimate;
 use crate::termination::Termination;
+use crate::uncertainty::curvature::Curvature;
 use crate::uncertainty::identifiability::Direction;
 use crate::uncertainty::sandwich::{NoiseColour, Uncorrected};
+use crate::uncertainty::spectral_colour::SpectralColour;
 use fdm_numeric::least_squares::Fallback;
 use serde::{Deserialize, Serialize};
 
@@ -93,6 +95,12 @@ pub struct Estimate {
     pub corrected_covariance: Symmetric,
     /// The colour of the noise of each output; empty when errors were not corrected for it.
     pub colours: Vec<NoiseColour>,
+    /// Whether the residuals of each output are white over the frequencies that were compared; empty in the time domain.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub spectral_colours: Vec<SpectralColour>,
+    /// Intervals that the profile of the likelihood contradicts; empty where that was not looked at.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub curvature: Vec<Curvature>,
     /// Why errors were not corrected for the colour of the residuals; none when they were.
     pub uncorrected: Option<Uncorrected>,
     /// Whether the noise of each output is of one size; empty when that was not tested.

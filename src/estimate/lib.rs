@@ -19,6 +19,7 @@ mod estimate;
 mod few_samples;
 mod filter_error;
 mod frequency_responses;
+mod held;
 mod hidden_states;
 mod identify;
 mod information;
@@ -85,10 +86,12 @@ pub use spectra::{
     BinResponse, Nonlinear, RunSpectrum, SpectralBins, SpectralError, SpectralFit, SpectralOptions, StartingValue,
     Unanswered, UnobservableMode, fit_spectra,
 };
-pub use table_nodes::{NodeEstimate, TableAxis, TableEstimate};
+pub use table_nodes::{NodeEstimate, TableAxis, TableEstimate, Unvisited, unvisited};
 pub use termination::{Reason, Termination};
 pub use time_domain::{examined, fit, fit_from, fit_kept, start_search};
+pub use uncertainty::curvature::Curvature;
 pub use uncertainty::identifiability::Direction;
 pub use uncertainty::parameters::quantile;
 pub use uncertainty::sandwich::{NoiseColour, Uncorrected};
 pub use uncertainty::sensitivity_rows::LONG_RUN;
+pub use uncertainty::spectral_colour::SpectralColour;

@@ -157,6 +157,8 @@ pub struct Problem<'a> {
     pub regressor_noise: Option<Box<dyn RegressorNoise + 'a>>,
     /// How large the noise of every sample is, where coefficients of whole records are compared.
     pub noise_in_time: Option<Box<dyn NoiseInTime + 'a>>,
+    /// Whether estimates are all that is asked for: intervals are then not looked at beyond their errors.
+    pub bare: bool,
 }
 
 /// Noise of records that are compared and stand in the equations as well.
@@ -229,7 +231,7 @@ impl<'a> Problem<'a> {
         derived: DerivedQuantities<'a>,
     ) -> Self {
         let (affine, tables) = Default::default();
-        Self { params, outputs, runs, affine, tables, derived, regressor_noise: None, noise_in_time: None }
+        Self { params, outputs, runs, affine, tables, derived, regressor_noise: None, noise_in_time: None, bare: false }
     }
 
     /// What a measured number is worth on the average: 1, or less where frequencies are closer than one cycle in the record.

@@ -34,5 +34,6 @@ mod strategies;
 mod surfaces;
 mod tables;
 mod trex550;
+mod undetermined;
 mod units;
 mod verdicts;

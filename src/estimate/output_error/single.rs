@@ -11,7 +11,7 @@ use crate::output_error::error::FitError;
 use crate::output_error::fit::Fit;
 use crate::output_error::integration_fault::{IntegrationFault, is_moving};
 use crate::output_error::options::FitOptions;
-use crate::problem::{Options, Problem, ProblemRun};
+use crate::problem::{Problem, ProblemRun};
 use crate::recovery::budget::stop;
 use crate::solve::estimate;
 use fdm_system::model::Model;
@@ -90,7 +90,7 @@ pub(crate) fn single_fit(
     let cut = stopped(observer).filter(|_| !was_stopped);
     let (mut round, coarse) = (1, options.shared_steps.coarse(options.accuracy));
     loop {
-        let mut estimate = correct(model, runs, &starts, &steps, &options.options, observer)?;
+        let mut estimate = correct(model, runs, &starts, &steps, options, observer)?;
         if let Some(stop) = cut.filter(|_| !estimate.termination.is_stopped()) {
             estimate.termination = stop.into();
         }
@@ -163,7 +163,7 @@ fn correct(
     runs: &[Run],
     starts: &[Vec<f64>],
     steps: &[Steps],
-    options: &Options,
+    options: &FitOptions,
     observer: &mut dyn Observer,
 ) -> Result<Estimate, FitError> {
     let mut prepared = Vec::with_capacity(runs.len());
@@ -176,11 +176,12 @@ fn correct(
     }
     let derived = DerivedQuantities::of(model.definition(), model.dynamics());
     let mut problem = Problem::new(model.definition(), prepared, derived);
+    problem.bare = options.bare;
     if let Some(first) = starts.first() {
         // shared parameters go on from where a round before left them
         problem.params.iter_mut().zip(first).filter(|(p, _)| !p.per_run).for_each(|(p, v)| p.value = *v);
     }
-    estimate(&mut problem, options, observer).map_err(FitError::Problem)
+    estimate(&mut problem, &options.options, observer).map_err(FitError::Problem)
 }
 
 /// Steps in use and their error at the estimates, whose responses are known.
