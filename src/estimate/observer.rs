@@ -35,6 +35,12 @@ pub struct StartSummary {
     pub distance: Option<f64>,
     /// Free parameters where it ended, in the order of [`Estimate::parameters`](crate::Estimate::parameters).
     pub values: Vec<f64>,
+    /// Their standard errors: 0 at a bound, none where the data do not determine one.
+    pub errors: Vec<Option<f64>>,
+    /// All parameters of each run there; empty where nothing was estimated.
+    pub reached: Vec<Vec<f64>>,
+    /// Whether the likelihood has no maximum there: such a place is taken only where there is no other.
+    pub degenerate: bool,
 }
 
 /// Why work ends before it is done.

@@ -1,5 +1,6 @@
 //! The road from a problem to its estimate.
 
+use crate::degenerate::collapsed;
 use crate::estimate::{BiasCorrection, Estimate, ParameterEstimate, RunFit, Symmetric};
 use crate::iteration::evaluation::{Evaluator, Failure, RunFailure};
 use crate::iteration::likelihood::{LikelihoodCost, Observed, of_parameters, space};
@@ -170,6 +171,13 @@ pub fn estimate_from(
         (Some(chosen), Some(bound)) => SmoothTables::new(&problem.tables, problem, &unknowns).told(chosen, bound),
         _ => Vec::new(),
     };
+    let leverages = conclusion.as_ref().map_or(Vec::new(), |c| c.leverages.clone());
+    let alone = likelihood.counts.iter().filter(|n| **n > 0).count() < 2 && priors.is_empty();
+    let sampled = problem.runs.iter().all(|r| r.response.known_noise().is_none());
+    let degenerate = match sampled && possible {
+        true => collapsed(&problem.outputs, &likelihood, &leverages, alone),
+        false => Vec::new(),
+    };
     let exact = problem.outputs.iter().zip(&weights.exact).filter(|(_, exact)| **exact && end.is_ok());
     Ok(Estimate {
         parameters,
@@ -189,6 +197,8 @@ pub fn estimate_from(
         noise_variation,
         noise,
         noise_free: exact.map(|(name, _)| name.clone()).collect(),
+        leverages,
+        degenerate,
         bias_corrections,
         undetermined: statistics.directions,
         determined_by_prior: beside_smooth_nodes(problem, statistics.by_prior),

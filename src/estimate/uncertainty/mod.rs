@@ -14,6 +14,7 @@ mod coloured_tests;
 pub(super) mod cramer_rao;
 mod gauss_markov;
 pub(super) mod identifiability;
+mod leverage;
 mod measured_regressors;
 mod model_averaged;
 pub(super) mod parameters;

@@ -117,6 +117,11 @@ fn of_fit(fit: &FitDocument) -> (Trust, String) {
         );
         return (Trust::Bad, said);
     }
+    if fit.remarks.iter().any(|r| r.about == About::Likelihood) {
+        let said =
+            format!("{what} converged, but the likelihood has no maximum there: values and errors below mean nothing.");
+        return (Trust::Bad, said);
+    }
     let bounds = fit.remarks.iter().filter(|r| r.about == About::Bound).count();
     match (bounds, fit.remarks.len()) {
         (0, 0) => (Trust::Good, format!("{what} converged, and nothing speaks against the result.")),
@@ -152,9 +157,14 @@ fn facts(subject: &Subject) -> Option<String> {
 /// The section where what a remark is about can be seen.
 fn place(about: About) -> &'static str {
     match about {
-        About::Undetermined | About::Bound | About::Few | About::Drawn | About::Intervals | About::Prior => {
-            "parameters"
-        }
+        About::Undetermined
+        | About::Likelihood
+        | About::Minima
+        | About::Bound
+        | About::Few
+        | About::Drawn
+        | About::Intervals
+        | About::Prior => "parameters",
         About::Correlated => "correlations",
         About::Table => "tables",
         About::Iteration => "convergence",
