@@ -1,5 +1,6 @@
 //! What can be seen of an estimation while it works, and where its state is kept.
 
+use crate::degenerate::Degeneracy;
 use crate::termination::Termination;
 pub use fdm_numeric::least_squares::Iteration;
 use serde::{Deserialize, Serialize};
@@ -39,8 +40,8 @@ pub struct StartSummary {
     pub errors: Vec<Option<f64>>,
     /// All parameters of each run there; empty where nothing was estimated.
     pub reached: Vec<Vec<f64>>,
-    /// Whether the likelihood has no maximum there: such a place is taken only where there is no other.
-    pub degenerate: bool,
+    /// Why the likelihood has no maximum there, if it has none: such a place is taken only where there is no other.
+    pub degenerate: Vec<Degeneracy>,
 }
 
 /// Why work ends before it is done.

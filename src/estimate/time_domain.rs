@@ -20,7 +20,7 @@ use crate::recovery::checkpoint::{CheckpointObserver, CheckpointWriter};
 use crate::recovery::completion::{completed, without_noise};
 use crate::recovery::confidence::{fit_shorter_records, refit_with_weights};
 use crate::recovery::fallback::attempt;
-use crate::recovery::multi_start::{StartSearch, many_starts};
+use crate::recovery::multi_start::{StartSearch, many_starts, unbounded};
 use crate::residuals::run_quality;
 use crate::table_nodes::add_tables;
 use fdm_grammar::model::Origin;
@@ -68,7 +68,11 @@ pub fn fit_kept(
         .and_then(|first| completed(&given, runs, (&start, reached.as_deref()), first, &options, &mut stages))
         .and_then(|fit| examined(fit, runs, &start, &options, &mut stages));
     ledger.flush();
-    Ok(Fit { starts: summaries, ..found? })
+    let mut found = found?;
+    if found.estimate.degenerate.is_empty() {
+        found.estimate.degenerate = unbounded(&summaries, found.estimate.cost);
+    }
+    Ok(Fit { starts: summaries, ..found })
 }
 
 /// The starts of a fit, each to be attempted by itself: [`fit_kept`] goes on from what came out of them.

@@ -111,7 +111,7 @@ mod tests {
             values: vec![1.0],
             errors: vec![None],
             reached: Vec::new(),
-            degenerate: false,
+            degenerate: Vec::new(),
         }
     }
 

@@ -1,5 +1,6 @@
 //! Many starts: a fit from each, what came out of it, and which of them is the best. Where they lie is said in `spread.rs`.
 
+use crate::degenerate::Degeneracy;
 use crate::estimate::{ParameterEstimate, Status};
 use crate::observer::{Iteration, Observer, StartSummary, Stop};
 use crate::output_error::error::FitError;
@@ -226,10 +227,9 @@ fn summary(number: usize, fit: &Fit, runs: &[Run], start: &[Vec<f64>]) -> StartS
         Status::AtLowerBound | Status::AtUpperBound => Some(0.0),
         _ => p.standard_error,
     };
-    let degenerate = !estimate.degenerate.is_empty();
-    let message = match degenerate {
-        true => format!("{}; no maximum of the likelihood", estimate.termination),
-        false => estimate.termination.to_string(),
+    let message = match estimate.degenerate.is_empty() {
+        true => estimate.termination.to_string(),
+        false => format!("{}; no maximum of the likelihood", estimate.termination),
     };
     StartSummary {
         number,
@@ -242,7 +242,7 @@ fn summary(number: usize, fit: &Fit, runs: &[Run], start: &[Vec<f64>]) -> StartS
         values: open().map(|p| p.value).collect(),
         errors: open().map(error).collect(),
         reached: estimate.cost.map_or(Vec::new(), |_| after(&fit.model, runs, estimate, start)),
-        degenerate,
+        degenerate: estimate.degenerate.clone(),
     }
 }
 
@@ -259,7 +259,7 @@ fn impossible(number: usize, error: &FitError) -> StartSummary {
         values: Vec::new(),
         errors: Vec::new(),
         reached: Vec::new(),
-        degenerate: false,
+        degenerate: Vec::new(),
     }
 }
 
@@ -269,7 +269,7 @@ fn compare(ended: &mut [Ended]) {
     let cost = |ended: &[Ended], k: usize| ended[k].summary.cost.unwrap_or(f64::INFINITY);
     let mut order: Vec<usize> = (0..ended.len()).filter(|k| ended[*k].summary.cost.is_some()).collect();
     order.sort_by(|a, b| cost(ended, *a).total_cmp(&cost(ended, *b)).then(a.cmp(b)));
-    let proper: Vec<usize> = order.iter().copied().filter(|k| !ended[*k].summary.degenerate).collect();
+    let proper: Vec<usize> = order.iter().copied().filter(|k| ended[*k].summary.degenerate.is_empty()).collect();
     let counted = if proper.is_empty() { &order } else { &proper };
     // of each minimum the places in `ended`, the least cost first
     let mut minima: Vec<Vec<usize>> = Vec::new();
@@ -320,6 +320,14 @@ fn in_errors(a: &StartSummary, b: &StartSummary) -> f64 {
         None => 0.0,
     };
     a.values.iter().zip(&b.values).zip(a.errors.iter().zip(&b.errors)).map(part).fold(0.0, f64::max)
+}
+
+/// Why the likelihood has no maximum though a start ended at a minimum: another one ended without, and at a lower cost than this.
+pub(crate) fn unbounded(starts: &[StartSummary], cost: Option<f64>) -> Vec<Degeneracy> {
+    let below = |s: &&StartSummary| s.cost.zip(cost).is_some_and(|(own, kept)| own < kept - level(kept));
+    let lowest = starts.iter().filter(|s| !s.degenerate.is_empty()).filter(below);
+    let lowest = lowest.min_by(|a, b| a.cost.unwrap_or_default().total_cmp(&b.cost.unwrap_or_default()));
+    lowest.map_or(Vec::new(), |s| s.degenerate.clone())
 }
 
 impl Fit {
