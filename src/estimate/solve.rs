@@ -1,5 +1,6 @@
 //! The road from a problem to its estimate.
 
+use crate::degenerate::collapsed;
 use crate::estimate::{BiasCorrection, Estimate, ParameterEstimate, RunFit, Symmetric};
 use crate::held::{Lost, Pin, with_undetermined_held};
 use crate::iteration::evaluation::{Evaluator, Failure, RunFailure};
@@ -211,6 +212,13 @@ pub(crate) fn solve(
         (Some(chosen), Some(bound)) => SmoothTables::new(&problem.tables, problem, &unknowns).told(chosen, bound),
         _ => Vec::new(),
     };
+    let leverages = conclusion.as_ref().map_or(Vec::new(), |c| c.leverages.clone());
+    let alone = likelihood.counts.iter().filter(|n| **n > 0).count() < 2 && priors.is_empty();
+    let sampled = problem.runs.iter().all(|r| r.response.known_noise().is_none());
+    let degenerate = match sampled && possible {
+        true => collapsed(&problem.outputs, &likelihood, &leverages, alone),
+        false => Vec::new(),
+    };
     let exact = problem.outputs.iter().zip(&weights.exact).filter(|(_, exact)| **exact && end.is_ok());
     let curvature = curved.iter().map(|c| curvature_of(problem, &unknowns, c)).collect();
     let lost = statistics.lost(problem, &unknowns, (&began, &values));
@@ -234,6 +242,8 @@ pub(crate) fn solve(
         noise_variation,
         noise,
         noise_free: exact.map(|(name, _)| name.clone()).collect(),
+        leverages,
+        degenerate,
         bias_corrections,
         undetermined: statistics.directions,
         determined_by_prior: beside_smooth_nodes(problem, statistics.by_prior),

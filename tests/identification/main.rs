@@ -18,6 +18,7 @@ mod hidden_effects;
 mod identified_delays;
 mod kinetics;
 mod library;
+mod likelihoods;
 mod linear_models;
 mod measured_inputs;
 mod modes;

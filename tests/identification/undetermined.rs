@@ -54,7 +54,8 @@ fn others(found: &Fit) -> Vec<f64> {
 fn a_stall_that_no_run_visits_is_held_where_it_began() {
     let run = record(0.05);
     let found = fitted(STALL, &run);
-    let known = fitted(&STALL.replace("a1 = 20 [1], as = 0.25 [rad]", "a1 = 20 [1] fixed, as = 0.25 [rad] fixed"), &run);
+    let known =
+        fitted(&STALL.replace("a1 = 20 [1], as = 0.25 [rad]", "a1 = 20 [1] fixed, as = 0.25 [rad] fixed"), &run);
     for (name, start) in [("a1", 20.0), ("as", 0.25)] {
         let p = found.estimate.parameter(name, None).unwrap();
         assert_eq!((p.value, p.status, p.error()), (start, Status::NotDetermined, None), "{name}");

@@ -164,6 +164,8 @@ fn concluded(
         noise_variation: Vec::new(),
         noise: Some(covariance_of(setting, &values)),
         noise_free: Vec::new(),
+        leverages: Vec::new(),
+        degenerate: Vec::new(),
         bias_corrections: Vec::new(),
         undetermined: statistics.directions,
         determined_by_prior: statistics.by_prior,
@@ -266,7 +268,8 @@ fn conclusion(setting: &Setting<'_>, values: &[f64], information: Vec<f64>) -> O
     };
     let without_priors = (!priors.is_empty()).then(|| Inverse::of_products(&information, &inside));
     let samples = vec![None; setting.noise.len()];
-    Some(CramerRao { scale, inside, inverse, held: Vec::new(), noise: Some(noise), samples, without_priors })
+    let (held, leverages) = (Vec::new(), Vec::new());
+    Some(CramerRao { scale, inside, inverse, held, noise: Some(noise), samples, leverages, without_priors })
 }
 
 /// R at these values, diagonal.
@@ -332,6 +335,8 @@ fn nothing(model: &Model, setting: &mut Setting<'_>, values: &[f64], lost: Lost)
         noise_variation: Vec::new(),
         noise: None,
         noise_free: Vec::new(),
+        leverages: Vec::new(),
+        degenerate: Vec::new(),
         bias_corrections: Vec::new(),
         undetermined: Vec::new(),
         determined_by_prior: Vec::new(),

@@ -69,6 +69,17 @@ impl Fit {
         }
     }
 
+    /// Whether a fit is worth more than another of the same runs by the same noise: it has a cost at all, a maximum of the likelihood and no place
+    /// without one, and by more than rounding a lower cost.
+    pub(crate) fn is_better_than(&self, other: &Self) -> bool {
+        let (own, than) = (&self.estimate, &other.estimate);
+        match (own.cost, than.cost) {
+            (Some(_), Some(_)) if own.degenerate.is_empty() != than.degenerate.is_empty() => own.degenerate.is_empty(),
+            (Some(a), Some(b)) => a < b - 1e-9 * b.abs().max(1.0) || (!than.termination.is_good() && a <= b),
+            (a, _) => a.is_some(),
+        }
+    }
+
     /// Whether the iteration converged, the data determine every free parameter, and no integration error falsifies that.
     pub fn is_good(&self) -> bool {
         self.estimate.is_good() && self.is_integrated()

@@ -89,8 +89,14 @@ pub(crate) fn single_fit(
     // what ends the choice of the steps leaves the start values with rough ones, which may be unable to follow the model
     let cut = stopped(observer).filter(|_| !was_stopped);
     let (mut round, coarse) = (1, options.shared_steps.coarse(options.accuracy));
+    let mut before: Option<Fit> = None;
     loop {
-        let mut estimate = correct(model, runs, &starts, &steps, options, observer)?;
+        let smoothness = before.as_ref().map_or(Vec::new(), |fit| weights(&fit.estimate));
+        let mut estimate = correct(model, runs, (&starts, smoothness), &steps, options, observer)?;
+        // what these steps cannot follow leaves the result of those before, whose integration error says what it is worth
+        if let Some(fit) = before.filter(|_| estimate.cost.is_none()) {
+            return Ok(fit);
+        }
         if let Some(stop) = cut.filter(|_| !estimate.termination.is_stopped()) {
             estimate.termination = stop.into();
         }
@@ -114,9 +120,15 @@ pub(crate) fn single_fit(
         if finer == steps {
             return Ok(Fit::new(model.clone(), estimate, integration));
         }
+        before = Some(Fit::new(model.clone(), estimate, integration));
         (starts, steps) = (reached, finer);
         round += 1;
     }
+}
+
+/// The weights of the axes of smooth tables, as they were chosen.
+fn weights(estimate: &Estimate) -> Vec<f64> {
+    estimate.smoothing.iter().flat_map(|s| s.weights.iter().copied()).collect()
 }
 
 /// Steps that were too coarse give way to better ones.
@@ -161,7 +173,7 @@ pub(crate) fn stopped(observer: &mut dyn Observer) -> Option<Stop> {
 fn correct(
     model: &Model,
     runs: &[Run],
-    starts: &[Vec<f64>],
+    (starts, smoothness): (&[Vec<f64>], Vec<f64>),
     steps: &[Steps],
     options: &FitOptions,
     observer: &mut dyn Observer,
@@ -175,8 +187,7 @@ fn correct(
         prepared.push(ProblemRun { name, response: Box::new(simulator), measured, start });
     }
     let derived = DerivedQuantities::of(model.definition(), model.dynamics());
-    let mut problem = Problem::new(model.definition(), prepared, derived);
-    problem.bare = options.bare;
+    let mut problem = Problem { smoothness, bare: options.bare, ..Problem::new(model.definition(), prepared, derived) };
     if let Some(first) = starts.first() {
         // shared parameters go on from where a round before left them
         problem.params.iter_mut().zip(first).filter(|(p, _)| !p.per_run).for_each(|(p, v)| p.value = *v);

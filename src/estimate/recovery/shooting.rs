@@ -532,6 +532,8 @@ impl WithoutCuts<'_> {
             noise: estimate.noise.map(|n| part(&n, &(0..self.outputs).collect::<Vec<_>>())),
             noise_variation: estimate.noise_variation.into_iter().filter(|v| shown(&v.output)).collect(),
             noise_free: estimate.noise_free.into_iter().filter(|n| shown(n)).collect(),
+            leverages: Vec::new(),
+            degenerate: Vec::new(),
             undetermined: estimate
                 .undetermined
                 .into_iter()

@@ -15,6 +15,7 @@ pub(super) mod cramer_rao;
 pub(super) mod curvature;
 mod gauss_markov;
 pub(super) mod identifiability;
+mod leverage;
 mod measured_regressors;
 mod model_averaged;
 pub(super) mod parameters;

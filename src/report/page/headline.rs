@@ -117,6 +117,11 @@ fn of_fit(fit: &FitDocument) -> (Trust, String) {
         );
         return (Trust::Bad, said);
     }
+    if fit.remarks.iter().any(|r| r.about == About::Likelihood) {
+        let said =
+            format!("{what} converged, but the likelihood has no maximum there: values and errors below mean nothing.");
+        return (Trust::Bad, said);
+    }
     let bounds = fit.remarks.iter().filter(|r| r.about == About::Bound).count();
     let against = fit.remarks.iter().filter(|r| r.about.speaks_against()).count();
     match (bounds, against) {
@@ -154,6 +159,8 @@ fn facts(subject: &Subject) -> Option<String> {
 fn place(about: About) -> &'static str {
     match about {
         About::Undetermined
+        | About::Likelihood
+        | About::Minima
         | About::Bound
         | About::Few
         | About::Short

@@ -10,6 +10,7 @@
 mod diagnosis;
 mod digits;
 mod doctor;
+mod equal_minima;
 mod fit;
 mod frequency;
 mod job;

@@ -2,6 +2,7 @@
 
 use super::BridgeDocument;
 use super::digits::digits;
+use super::equal_minima::equal_minima;
 use fdm_estimate::residuals::{Cause, InputCorrelation, NoiseVariation, OutputFit, OutputQuality, Trend};
 use fdm_estimate::{
     Curvature, Estimate, Fit, LONG_RUN, NoiseColour, ParameterEstimate, SpectralFit, Status, Uncorrected,
@@ -14,6 +15,10 @@ use std::fmt;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum About {
+    /// A likelihood that has no maximum.
+    Likelihood,
+    /// Other minima that are as good.
+    Minima,
     /// Parameters that nothing determines.
     Undetermined,
     /// Parameters that priors determine, not data.
@@ -56,7 +61,8 @@ impl About {
     /// In which order remarks are told: what speaks most against a result first.
     pub fn rank(self) -> usize {
         match self {
-            Self::Undetermined => 0,
+            Self::Likelihood | Self::Undetermined => 0,
+            Self::Minima => 1,
             Self::Bound | Self::Few => 1,
             Self::Offset => 2,
             Self::Input => 3,
@@ -85,7 +91,9 @@ impl About {
             Self::Iteration => "better start values or bounds make it safer (`--starts 8` looks for others)",
             Self::NoNoise => "say what the noise is (`--noise OUTPUT=DEVIATION`)",
             Self::NotMeasured => "look at its column, its map and its mask",
-            Self::Table
+            Self::Minima => "give bounds, or a start value with a prior, that say which is meant",
+            Self::Likelihood
+            | Self::Table
             | Self::Bound
             | Self::Few
             | Self::Short
@@ -148,6 +156,7 @@ pub fn estimate_remarks(estimate: &Estimate) -> Vec<Remark> {
         remarks.push(Remark::new(About::Prior, format!("not determined by the data: {}; {what}", d.sentence)));
     }
     remarks.extend(tables(estimate).into_iter().map(|s| Remark::new(About::Table, s)));
+    remarks.extend(estimate.degenerate.iter().map(|d| Remark::new(About::Likelihood, d.to_string())));
     let mut say = |about, said: Vec<String>| remarks.extend(said.into_iter().map(|s| Remark::new(about, s)));
     say(About::NotMeasured, not_measured(&estimate.outputs));
     say(About::Correlated, correlated(estimate));
@@ -249,6 +258,7 @@ pub fn spectral_remarks(fit: &SpectralFit) -> Vec<Remark> {
 /// Both, of a fit in the time domain.
 pub fn fit_remarks(fit: &Fit) -> Vec<Remark> {
     let mut remarks = estimate_remarks(&fit.estimate);
+    remarks.extend(equal_minima(fit).into_iter().map(|said| Remark::new(About::Minima, said)));
     if !fit.loss.is_squares() {
         let said =
             format!("estimated by {} in place of squares: the noise covariance is that of pseudo-values", fit.loss);
