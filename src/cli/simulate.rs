@@ -15,7 +15,7 @@ use fdm_results::store::{DataFile, ResultError, ResultFolder};
 use fdm_system::Model;
 use fdm_system::record::{ReadOptions, Run};
 use fdm_system::simulate::{
-    Accuracy, Divergence, Simulator, Steps, UNSOUND, WorstError, choose_steps_once, choose_steps_to, integration_error,
+    Accuracy, Divergence, Simulator, StepOptions, Steps, UNSOUND, WorstError, choose_steps, integration_error,
     worst_errors,
 };
 use std::path::{Path, PathBuf};
@@ -223,10 +223,11 @@ pub(crate) fn respond<'a>(
     let mut accuracy = match (arguments.integration.per_interval(), arguments.fitted_steps(&run.name, folder), scheme) {
         (Some(steps), ..) => Accuracy { steps: Steps::equal(scheme.unwrap_or_default(), steps), error: f64::NAN },
         (None, Some(fitted), None) => fitted,
-        _ => match arguments.integration.accuracy() {
-            None => choose_steps_once(dynamics, run, &theta, scheme).map_err(unsuited)?,
-            Some(accuracy) => choose_steps_to(dynamics, run, &theta, scheme, accuracy).map_err(unsuited)?,
-        },
+        _ => {
+            let accuracy = arguments.integration.accuracy();
+            let options = StepOptions { scheme, once: accuracy.is_none(), ..StepOptions::default() };
+            choose_steps(dynamics, run, &theta, &options.to(accuracy)).map_err(unsuited)?
+        }
     };
     let mut simulator = Simulator::new(model.dynamics(), run, accuracy.steps.clone()).map_err(unsuited)?;
     simulator.suits(&theta).map_err(unsuited)?;

@@ -20,9 +20,7 @@ use crate::uncertainty::sandwich::NoiseColour;
 use fdm_grammar::graph::{Leaf, Node, show};
 use fdm_system::model::Model;
 use fdm_system::record::Run;
-use fdm_system::simulate::{
-    Accuracy, Scheme, Simulator, Steps, choose_steps_to, choose_steps_while, integration_error,
-};
+use fdm_system::simulate::{Accuracy, Scheme, Simulator, StepOptions, Steps, choose_steps, integration_error};
 use std::f64::consts::TAU;
 
 /// The outputs (q) whose noise is an expression and is not put aside by what was asked for: the place of one over the deviation among the outputs of
@@ -77,7 +75,8 @@ pub(crate) fn without_infinite(
             }
             y.fill(f64::NAN);
             let running = goes_on(observer);
-            let chosen = choose_steps_while(whole.dynamics(), run, theta, None, accuracy, &running);
+            let rough = StepOptions { goes_on: &running, ..StepOptions::default() }.to(accuracy);
+            let chosen = choose_steps(whole.dynamics(), run, theta, &rough);
             if !running() {
                 // such steps say nothing of the start
                 return Ok(runs.to_vec());
@@ -365,7 +364,12 @@ impl Fitting<'_> {
         let simulated = self.whole.definition().outputs.len();
         let few = run.len().saturating_mul(PARTS * simulated) <= MOST_NUMBERS;
         let fine = run.with_parts(if few { PARTS } else { 1 });
-        let chosen = choose_steps_to(self.whole.dynamics(), &fine, theta, None, ROUGH);
+        let chosen = choose_steps(
+            self.whole.dynamics(),
+            &fine,
+            theta,
+            StepOptions { accuracy: ROUGH, ..StepOptions::default() },
+        );
         let steps = chosen.map_err(|e| FitError::unsuited(run, e))?.steps;
         let mut simulator =
             Simulator::new(self.whole.dynamics(), &fine, steps).map_err(|e| FitError::unsuited(run, e))?;

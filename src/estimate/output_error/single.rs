@@ -17,8 +17,8 @@ use crate::solve::estimate;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::{
-    Accuracy, SOUND, Simulator, Steps, UNSOUND, choose_steps_while, error_of, integration_error, output_range,
-    worst_errors,
+    Accuracy, SOUND, Scheme, Simulator, StepOptions, Steps, UNSOUND, choose_steps, error_of, integration_error,
+    output_range, worst_errors,
 };
 use std::cell::RefCell;
 
@@ -63,10 +63,15 @@ pub fn changed(model: &Model, changes: &Changes) -> Result<Model, FitError> {
     Ok(model.with_params(params))
 }
 
-const MOST_ROUNDS: usize = 3;
+/// Choices of steps, each followed by a fit, at most; a fit whose steps are still too coarse then says so.
+pub(crate) const MOST_ROUNDS: usize = 6;
+/// Choices after which the implicit method is asked as well. Explicit steps that were chosen at estimates and were too coarse at the next
+/// ones have let these run to the edge of stability, which moves with the steps: an implicit method has none (Hairer & Wanner, Solving
+/// ordinary differential equations II, IV.3).
+const EXPLICIT_ROUNDS: usize = 2;
 
 /// Estimates from `starts` (all parameters of each run). Steps are chosen at the start values and then kept, so that the
-/// derivatives are exact; when they turn out too coarse at the estimates, the fit goes on from there with finer ones.
+/// derivatives are exact; when they turn out too coarse at the estimates, the fit goes on from there with finer ones, again and again.
 ///
 /// # Errors
 /// [`FitError`] as for [`fit`](super::fit()).
@@ -114,7 +119,8 @@ pub(crate) fn single_fit(
         let finer = if last {
             steps.clone()
         } else {
-            finer(&steps, &integration, chosen_steps(model, runs, &reached, options, observer)?, coarse)
+            let chosen = chosen_again(model, runs, &reached, (options, round >= EXPLICIT_ROUNDS), observer)?;
+            finer(&steps, &integration, chosen, coarse)
         };
         // where halving does not help there are kinks, or a response on the edge of divergence
         if finer == steps {
@@ -139,6 +145,33 @@ fn finer(steps: &[Steps], integration: &[Accuracy], chosen: Vec<Accuracy>, coars
     steps.iter().zip(integration).zip(chosen).map(better).collect()
 }
 
+/// Method and steps for values that were reached with steps that are too coarse for them; by the implicit method where that is asked for,
+/// suits the model and is no worse than was hoped for.
+fn chosen_again(
+    model: &Model,
+    runs: &[Run],
+    reached: &[Vec<f64>],
+    (options, implicit): (&FitOptions, bool),
+    observer: &mut dyn Observer,
+) -> Result<Vec<Accuracy>, FitError> {
+    let mut chosen = chosen_steps(model, runs, reached, options, observer)?;
+    if !implicit || options.scheme.is_some() {
+        return Ok(chosen);
+    }
+    let coarse = options.shared_steps.coarse(options.accuracy);
+    let goes_on = goes_on(observer);
+    let radau = StepOptions { scheme: Some(Scheme::Radau), goes_on: &goes_on, ..StepOptions::default() };
+    for ((run, theta), chosen) in runs.iter().zip(reached).zip(&mut chosen) {
+        // a model that it does not suit keeps what it has
+        if let Ok(stable) = choose_steps(model.dynamics(), run, theta, &radau.to(options.accuracy))
+            && stable.error <= coarse.max(chosen.error)
+        {
+            *chosen = stable;
+        }
+    }
+    Ok(chosen)
+}
+
 /// Method and steps of each run for these values, as accurate as was asked for. What stops the work while they are sought leaves rough
 /// ones.
 pub(crate) fn chosen_steps(
@@ -150,7 +183,8 @@ pub(crate) fn chosen_steps(
 ) -> Result<Vec<Accuracy>, FitError> {
     let goes_on = goes_on(observer);
     let steps = |(run, theta): (&Run, &Vec<f64>)| {
-        let chosen = choose_steps_while(model.dynamics(), run, theta, options.scheme, options.accuracy, &goes_on);
+        let chosen = StepOptions { scheme: options.scheme, goes_on: &goes_on, ..StepOptions::default() };
+        let chosen = choose_steps(model.dynamics(), run, theta, &chosen.to(options.accuracy));
         chosen.map_err(|e| FitError::unsuited(run, e))
     };
     runs.iter().zip(starts).map(steps).collect()

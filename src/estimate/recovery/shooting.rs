@@ -22,8 +22,8 @@ use crate::{DerivedQuantities, initial_guess};
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::{
-    Accuracy, Scheme, Simulator, Steps, UNSOUND, WorstError, choose_steps_by, integration_error, output_range,
-    worst_errors,
+    Accuracy, Scheme, Simulator, StepOptions, Steps, UNSOUND, WorstError, choose_steps, integration_error,
+    output_range, worst_errors,
 };
 
 /// Gaps below this part of the state's size count as none.
@@ -414,9 +414,10 @@ fn local(theta: &[f64], segment: usize, sizes: Sizes) -> Vec<f64> {
 }
 
 fn chosen_steps(models: &SegmentModels, pieces: &[Run], theta: &[f64], sizes: Sizes) -> Result<usize, FitError> {
+    let explicit = StepOptions { scheme: Some(Scheme::RungeKutta), ..StepOptions::default() };
     let mut most = 1;
     for (k, piece) in pieces.iter().enumerate() {
-        let chosen = choose_steps_by(models.of(k).dynamics(), piece, &local(theta, k, sizes), Some(Scheme::RungeKutta));
+        let chosen = choose_steps(models.of(k).dynamics(), piece, &local(theta, k, sizes), &explicit);
         most = most.max(chosen.map_err(|e| FitError::unsuited(piece, e))?.steps.most());
     }
     Ok(most)
