@@ -152,9 +152,13 @@ fn facts(subject: &Subject) -> Option<String> {
 /// The section where what a remark is about can be seen.
 fn place(about: About) -> &'static str {
     match about {
-        About::Undetermined | About::Bound | About::Few | About::Drawn | About::Intervals | About::Prior => {
-            "parameters"
-        }
+        About::Initial
+        | About::Undetermined
+        | About::Bound
+        | About::Few
+        | About::Drawn
+        | About::Intervals
+        | About::Prior => "parameters",
         About::Correlated => "correlations",
         About::Table => "tables",
         About::Iteration => "convergence",

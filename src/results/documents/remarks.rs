@@ -2,6 +2,7 @@
 
 use super::BridgeDocument;
 use super::digits::digits;
+use super::doubted;
 use fdm_estimate::residuals::{Cause, InputCorrelation, NoiseVariation, OutputFit, OutputQuality, Trend};
 use fdm_estimate::{Estimate, Fit, LONG_RUN, NoiseColour, ParameterEstimate, SpectralFit, Status, Uncorrected};
 use fdm_numeric::statistics::Student;
@@ -12,6 +13,8 @@ use std::fmt;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum About {
+    /// Initial values that the model states and the data contradict.
+    Initial,
     /// Parameters that nothing determines.
     Undetermined,
     /// Parameters that priors determine, not data.
@@ -52,7 +55,7 @@ impl About {
     /// In which order remarks are told: what speaks most against a result first.
     pub fn rank(self) -> usize {
         match self {
-            Self::Undetermined => 0,
+            Self::Initial | Self::Undetermined => 0,
             Self::Bound | Self::Few => 1,
             Self::Offset => 2,
             Self::Input => 3,
@@ -76,7 +79,8 @@ impl About {
             Self::Iteration => "better start values or bounds make it safer (`--starts 8` looks for others)",
             Self::NoNoise => "say what the noise is (`--noise OUTPUT=DEVIATION`)",
             Self::NotMeasured => "look at its column, its map and its mask",
-            Self::Table
+            Self::Initial
+            | Self::Table
             | Self::Bound
             | Self::Few
             | Self::Intervals
@@ -233,7 +237,9 @@ pub fn spectral_remarks(fit: &SpectralFit) -> Vec<Remark> {
 
 /// Both, of a fit in the time domain.
 pub fn fit_remarks(fit: &Fit) -> Vec<Remark> {
-    let mut remarks = estimate_remarks(&fit.estimate);
+    let initial = fit.doubted_initials.as_ref().and_then(doubted::sentence);
+    let mut remarks: Vec<Remark> = initial.into_iter().map(|said| Remark::new(About::Initial, said)).collect();
+    remarks.extend(estimate_remarks(&fit.estimate));
     if !fit.loss.is_squares() {
         let said =
             format!("estimated by {} in place of squares: the noise covariance is that of pseudo-values", fit.loss);
