@@ -141,7 +141,7 @@ struct Judge<'a> {
 impl<'a> Judge<'a> {
     fn new(model: &Model, recursion: &'a Recursion, restart: Option<f64>) -> Self {
         let model = match restart {
-            Some(_) => with_initials(model, &model.definition().start()),
+            Some(_) => with_initials(model, &model.definition().start(), &|_| true),
             None => model.clone(),
         };
         let q = model.layout().outputs;

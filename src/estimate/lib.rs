@@ -39,6 +39,7 @@ mod solve;
 #[cfg(test)]
 mod specimen;
 mod spectra;
+mod stated_initials;
 mod table_nodes;
 mod termination;
 #[cfg(test)]
@@ -88,6 +89,7 @@ pub use spectra::{
     BinResponse, Nonlinear, RunSpectrum, SpectralBins, SpectralError, SpectralFit, SpectralOptions, StartingValue,
     Unanswered, UnobservableMode, fit_spectra,
 };
+pub use stated_initials::{DoubtedInitial, DoubtedInitials, MovedParameter};
 pub use table_nodes::{NodeEstimate, TableAxis, TableEstimate, Unvisited, unvisited};
 pub use termination::{Reason, Termination};
 pub use time_domain::{examined, fit, fit_from, fit_kept, start_search};

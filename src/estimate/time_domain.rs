@@ -22,6 +22,7 @@ use crate::recovery::confidence::{fit_shorter_records, refit_with_weights};
 use crate::recovery::fallback::attempt;
 use crate::recovery::multi_start::{StartSearch, many_starts, unbounded};
 use crate::residuals::run_quality;
+use crate::stated_initials::doubted_initials;
 use crate::table_nodes::add_tables;
 use fdm_grammar::model::Origin;
 use fdm_system::model::Model;
@@ -198,6 +199,7 @@ pub fn examined(
         // in segments the response is not that of the whole run
         if fit.estimate.termination.is_good() && fit.shooting.as_ref().is_none_or(|s| s.polished) {
             fit.few_samples = few_samples(&fit, runs, &thetas);
+            fit.doubted_initials = doubted_initials(&fit, runs, &thetas, options, observer)?;
         }
     }
     let sound = fit.estimate.termination.is_good();

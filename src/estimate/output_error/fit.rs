@@ -7,6 +7,7 @@ use crate::output_error::defect::FitDefect;
 use crate::output_error::integration_fault::IntegrationFault;
 use crate::output_error::loss::Loss;
 use crate::residuals::{Baseline, OutputQuality};
+use crate::stated_initials::DoubtedInitials;
 use crate::termination::Termination;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
@@ -27,6 +28,8 @@ pub struct Fit {
     pub integration_faults: Vec<IntegrationFault>,
     /// Parameters that few samples moved far from their starts; empty when that was not looked at.
     pub few_samples: Vec<FewSamples>,
+    /// Initial values that the model states and the data contradict; none when they do not, or when that was not looked at.
+    pub doubted_initials: Option<DoubtedInitials>,
     /// What the residuals say: every output of every run, runs outermost; empty when nothing could be simulated, or when that
     /// was not asked for.
     pub quality: Vec<OutputQuality>,
@@ -57,6 +60,7 @@ impl Fit {
             integration,
             integration_faults: Vec::new(),
             few_samples: Vec::new(),
+            doubted_initials: None,
             quality: Vec::new(),
             rescue: None,
             by_length: Vec::new(),

@@ -70,7 +70,7 @@ const BLOCK: usize = 64;
 pub(crate) fn sampling(run: &ProblemRun<'_>) -> Option<EvenGrid> {
     let samples = run.response.samples();
     match run.response.time() {
-        Some(time) if samples > 2 => EvenGrid::of(time).ok(),
+        Some(time) if samples > 2 => EvenGrid::of_run(time).ok(),
         _ => Some(EvenGrid::counted(samples)),
     }
 }

@@ -158,7 +158,8 @@ fn facts(subject: &Subject) -> Option<String> {
 /// The section where what a remark is about can be seen.
 fn place(about: About) -> &'static str {
     match about {
-        About::Undetermined
+        About::Initial
+        | About::Undetermined
         | About::Likelihood
         | About::Minima
         | About::Bound

@@ -12,7 +12,7 @@ use super::study::Study;
 use fdm_discover::LackOfFit;
 use fdm_estimate::residuals::OutputQuality;
 use fdm_estimate::{
-    BiasCorrection, Continuity, Curvature, Direction, Estimate, FilterFit, Fit, Iteration, LengthFit,
+    BiasCorrection, Continuity, Curvature, Direction, DoubtedInitials, Estimate, FilterFit, Fit, Iteration, LengthFit,
     LengthSensitivity, Loss, NoiseColour, ParameterEstimate, Recovery, ResponseFit, Reweighting, Smoothing,
     SpectralColour, SpectralFit, StartSummary, Symmetric, TableEstimate, Termination, by_confidence,
 };
@@ -85,6 +85,9 @@ pub struct FitDocument {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub records: Option<JudgedRecords>,
 
+    /// Initial values that the model states and the data contradict; left out where they do not, or where that was not looked at.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub doubted_initials: Option<DoubtedInitials>,
     /// How each run was integrated; in the time domain.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub integration: Option<Vec<Integration>>,
@@ -328,6 +331,7 @@ impl FitDocument {
             confidence: Some(by_confidence(&fit.by_length)),
             weights: Some(fit.reweighting.clone()),
             starts: Some(starts),
+            doubted_initials: fit.doubted_initials.clone(),
             ..Self::of_estimate(&fit.model, e)
         };
         if !fit.quality.is_empty() {
@@ -403,6 +407,7 @@ impl FitDocument {
             condition: e.condition,
             history: e.history.clone(),
             remarks: estimate_remarks(e),
+            doubted_initials: None,
             integration: None,
             rescue: None,
             rescue_message: None,

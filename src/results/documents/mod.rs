@@ -10,6 +10,7 @@
 mod diagnosis;
 mod digits;
 mod doctor;
+mod doubted;
 mod equal_minima;
 mod fit;
 mod frequency;

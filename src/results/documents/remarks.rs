@@ -2,6 +2,7 @@
 
 use super::BridgeDocument;
 use super::digits::digits;
+use super::doubted;
 use super::equal_minima::equal_minima;
 use fdm_estimate::residuals::{Cause, InputCorrelation, NoiseVariation, OutputFit, OutputQuality, Trend};
 use fdm_estimate::{
@@ -19,6 +20,8 @@ pub enum About {
     Likelihood,
     /// Other minima that are as good.
     Minima,
+    /// Initial values that the model states and the data contradict.
+    Initial,
     /// Parameters that nothing determines.
     Undetermined,
     /// Parameters that priors determine, not data.
@@ -61,7 +64,7 @@ impl About {
     /// In which order remarks are told: what speaks most against a result first.
     pub fn rank(self) -> usize {
         match self {
-            Self::Likelihood | Self::Undetermined => 0,
+            Self::Likelihood | Self::Initial | Self::Undetermined => 0,
             Self::Minima => 1,
             Self::Bound | Self::Few => 1,
             Self::Offset => 2,
@@ -93,6 +96,7 @@ impl About {
             Self::NotMeasured => "look at its column, its map and its mask",
             Self::Minima => "give bounds, or a start value with a prior, that say which is meant",
             Self::Likelihood
+            | Self::Initial
             | Self::Table
             | Self::Bound
             | Self::Few
@@ -257,7 +261,9 @@ pub fn spectral_remarks(fit: &SpectralFit) -> Vec<Remark> {
 
 /// Both, of a fit in the time domain.
 pub fn fit_remarks(fit: &Fit) -> Vec<Remark> {
-    let mut remarks = estimate_remarks(&fit.estimate);
+    let initial = fit.doubted_initials.as_ref().and_then(doubted::sentence);
+    let mut remarks: Vec<Remark> = initial.into_iter().map(|said| Remark::new(About::Initial, said)).collect();
+    remarks.extend(estimate_remarks(&fit.estimate));
     remarks.extend(equal_minima(fit).into_iter().map(|said| Remark::new(About::Minima, said)));
     if !fit.loss.is_squares() {
         let said =

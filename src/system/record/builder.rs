@@ -1,10 +1,11 @@
 //! Samples in memory become a [`Run`]: channels by name in any order, every mistake named at once.
 
+use super::beginning::Lead;
 use super::channel::{Channel, Role, channels};
 use super::derived::{self, Incomplete};
 use super::error::{Names, excerpt};
 use super::known;
-use super::read::since_first;
+use super::read::since;
 use super::run::Run;
 use fdm_grammar::diagnostic::nearest;
 use fdm_grammar::{Model, Unit};
@@ -27,6 +28,7 @@ pub struct RunBuilder<'m> {
     signals: Vec<Samples<'m>>,
     held: Vec<String>,
     known: Vec<(String, f64)>,
+    begin: Option<f64>,
     unmeasured: bool,
 }
 
@@ -88,7 +90,7 @@ impl<'m> RunBuilder<'m> {
     /// A run of this name, still without samples.
     pub fn new(model: &'m Model, name: impl Into<String>) -> Self {
         let (times, signals, held) = (Vec::new(), Vec::new(), Vec::new());
-        Self { model, name: name.into(), times, signals, held, known: Vec::new(), unmeasured: false }
+        Self { model, name: name.into(), times, signals, held, known: Vec::new(), begin: None, unmeasured: false }
     }
 
     /// Times of the samples (N), rising, in the model's time unit. The run begins at the first of them.
@@ -130,6 +132,13 @@ impl<'m> RunBuilder<'m> {
     /// A value that the run brings (`known T0 per run;`), in the model's unit.
     pub fn known(mut self, name: &str, value: f64) -> Self {
         self.known.push((name.into(), value));
+        self
+    }
+
+    /// Where the run begins, in the unit of its times: the instant that is the model's time 0, at the first sample or before it. Until the
+    /// first sample inputs have its values, and nothing is compared.
+    pub fn begin(mut self, time: f64) -> Self {
+        self.begin = Some(time);
         self
     }
 
@@ -194,12 +203,13 @@ impl<'m> RunBuilder<'m> {
             derived::compare_not(&driven, m, &mut measured, q);
         }
         let held: Vec<bool> = wanted.inputs.iter().map(|c| self.held.contains(&c.name)).collect();
+        let bridged = |(k, of): (usize, &Census)| of.bridged(&time, &mut driven, (m, k), held[k]);
+        let input_gaps = census.iter().enumerate().map(bridged).collect();
+        let mut time = time;
+        let lead = Lead::of_run(&time, self.begin);
+        lead.put_in_front(&mut time, (&mut driven, m), (&mut measured, q));
         let run = Run {
-            input_gaps: census
-                .iter()
-                .enumerate()
-                .map(|(k, of)| of.bridged(&time, &mut driven, (m, k), held[k]))
-                .collect(),
+            input_gaps,
             output_gaps: compared.iter().map(|of| of.missing).collect(),
             name: self.name.clone(),
             time,
@@ -268,7 +278,14 @@ impl<'m> RunBuilder<'m> {
             faults.push(RunFault::NotRising { sample: at + 1, before, found });
         } else if times.len() < wanted.samples {
             faults.push(RunFault::TooFew { found: times.len(), expected: wanted.samples });
-        } else if let Some(time) = conversion.and_then(|(scale, _)| since_first(times.to_vec(), scale)) {
+        } else if let Some(begin) =
+            self.begin.filter(|begin| times.first().is_some_and(|first| begin > first) || begin.is_nan())
+        {
+            faults.push(RunFault::BeginBehind { begin: begin.to_string(), first: times[0].to_string() });
+        } else if let Some(time) = conversion.and_then(|(scale, _)| {
+            let origin = self.begin.or(times.first().copied())?;
+            since(origin, times.to_vec(), scale)
+        }) {
             return time;
         } else if conversion.is_some() {
             faults.push(RunFault::TimeResolution);
@@ -546,6 +563,14 @@ pub enum RunFault {
         unit: String,
         /// The unit in the model.
         expected: String,
+    },
+    /// A beginning behind the first sample.
+    #[error("the run begins at {begin}, behind its first sample at {first}")]
+    BeginBehind {
+        /// The beginning.
+        begin: String,
+        /// Time of the first sample.
+        first: String,
     },
     /// The run cannot drive the model.
     #[error(transparent)]

@@ -63,6 +63,20 @@ impl EvenGrid {
         Ok(Self { interval, place })
     }
 
+    /// The grid of the samples of a run, whose first row may be its beginning: nothing is measured there, and the first interval need be no multiple of
+    /// the others.
+    ///
+    /// # Errors
+    /// As [`EvenGrid::of`], of the rows behind it.
+    pub fn of_run(time: &[f64]) -> Result<Self, NotEven> {
+        let (Err(NotEven::Uneven), [first, second, ..]) = (Self::of(time), time) else { return Self::of(time) };
+        let Self { interval, mut place } = Self::of(&time[1..])?;
+        let before = (((second - first) / interval).round() as usize).clamp(1, LONGEST_GAP);
+        place.iter_mut().for_each(|place| *place += before);
+        place.insert(0, 0);
+        Ok(Self { interval, place })
+    }
+
     /// As many places as there are samples, one apart: rows whose order is all that is known.
     pub fn counted(samples: usize) -> Self {
         Self { interval: 1.0, place: (0..samples).collect() }
