@@ -368,7 +368,7 @@ impl Fitting<'_> {
             self.whole.dynamics(),
             &fine,
             theta,
-            StepOptions { accuracy: ROUGH, ..StepOptions::default() },
+            &StepOptions { accuracy: ROUGH, ..StepOptions::default() },
         );
         let steps = chosen.map_err(|e| FitError::unsuited(run, e))?.steps;
         let mut simulator =
