@@ -8,6 +8,7 @@ pub(super) mod checkpoint;
 pub(super) mod confidence;
 pub(super) mod continuation;
 pub(super) mod fallback;
+mod free_response;
 #[cfg(test)]
 mod limit_tests;
 mod magnitudes;

@@ -10,6 +10,7 @@ use super::remarks::{Remark, estimate_remarks, fit_remarks, spectral_remarks};
 use super::requirement::Assessment;
 use super::study::Study;
 use fdm_discover::LackOfFit;
+use fdm_doctor::Finding;
 use fdm_estimate::residuals::OutputQuality;
 use fdm_estimate::{
     BiasCorrection, Continuity, Direction, Estimate, FilterFit, Fit, Iteration, LengthFit, LengthSensitivity, Loss,
@@ -75,6 +76,9 @@ pub struct FitDocument {
     pub history: Vec<Iteration>,
     /// What should not be overlooked.
     pub remarks: Vec<Remark>,
+    /// What the doctor names first of the records, where an output is not explained; left out where it was not asked, or names nothing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub first_cause: Option<Finding>,
     /// What was assumed about the records and found in them; left out where that is nothing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub records: Option<JudgedRecords>,
@@ -172,6 +176,8 @@ pub enum Terminated {
     TimeLimit,
     /// The cost that was reached is none.
     Impossible,
+    /// The free response grows beyond all that could follow it.
+    Unstable,
 }
 
 impl From<&Termination> for Terminated {
@@ -186,6 +192,7 @@ impl From<&Termination> for Terminated {
             Termination::Interrupted => Self::Interrupted,
             Termination::TimeLimit => Self::TimeLimit,
             Termination::Impossible => Self::Impossible,
+            Termination::Unstable { .. } => Self::Unstable,
         }
     }
 }
@@ -395,6 +402,7 @@ impl FitDocument {
             condition: e.condition,
             history: e.history.clone(),
             remarks: estimate_remarks(e),
+            first_cause: None,
             integration: None,
             rescue: None,
             rescue_message: None,

@@ -2,8 +2,10 @@
 
 use super::BridgeDocument;
 use super::digits::digits;
-use fdm_estimate::residuals::{Cause, InputCorrelation, NoiseVariation, OutputFit, OutputQuality, Trend};
-use fdm_estimate::{Estimate, Fit, LONG_RUN, NoiseColour, ParameterEstimate, SpectralFit, Status, Uncorrected};
+use fdm_estimate::residuals::{Cause, InputCorrelation, NoiseVariation, OutputFit, OutputQuality, Trend, Unexplained};
+use fdm_estimate::{
+    Estimate, Fit, LONG_RUN, NoiseColour, ParameterEstimate, SpectralFit, Status, Termination, Uncorrected,
+};
 use fdm_numeric::statistics::Student;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -12,6 +14,8 @@ use std::fmt;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum About {
+    /// Outputs that the model does not explain, or whose mirror image it is.
+    Unexplained,
     /// Parameters that nothing determines.
     Undetermined,
     /// Parameters that priors determine, not data.
@@ -52,22 +56,24 @@ impl About {
     /// In which order remarks are told: what speaks most against a result first.
     pub fn rank(self) -> usize {
         match self {
-            Self::Undetermined => 0,
-            Self::Bound | Self::Few => 1,
-            Self::Offset => 2,
-            Self::Input => 3,
-            Self::Colour | Self::Noise => 4,
-            Self::Drawn | Self::Intervals => 5,
-            Self::Correlated => 6,
-            Self::Prior | Self::Table => 7,
-            Self::Iteration => 8,
-            Self::NoNoise | Self::Untested | Self::NotMeasured | Self::Bridged => 9,
+            Self::Unexplained => 0,
+            Self::Undetermined => 1,
+            Self::Bound | Self::Few => 2,
+            Self::Offset => 3,
+            Self::Input => 4,
+            Self::Colour | Self::Noise => 5,
+            Self::Drawn | Self::Intervals => 6,
+            Self::Correlated => 7,
+            Self::Prior | Self::Table => 8,
+            Self::Iteration => 9,
+            Self::NoNoise | Self::Untested | Self::NotMeasured | Self::Bridged => 10,
         }
     }
 
     /// What to do about it, where the sentence does not say so itself.
     pub fn advice(self) -> Option<&'static str> {
         Some(match self {
+            Self::Unexplained => "`fdm doctor` looks for the cause in the record, `fdm diagnose` in the model",
             Self::Undetermined => "fix some of them, give a prior, or add a run that excites them",
             Self::Prior => "a run that excites it would tell more (`fdm design`)",
             Self::Correlated => "fix one, give a prior, or add a run that tells them apart (`fdm design`)",
@@ -233,7 +239,12 @@ pub fn spectral_remarks(fit: &SpectralFit) -> Vec<Remark> {
 
 /// Both, of a fit in the time domain.
 pub fn fit_remarks(fit: &Fit) -> Vec<Remark> {
-    let mut remarks = estimate_remarks(&fit.estimate);
+    // a response that is lost explains nothing, whatever the record is
+    let lost = matches!(fit.estimate.termination, Termination::Unstable { .. });
+    let unexplained = if lost { Vec::new() } else { Unexplained::of(&fit.estimate) };
+    let mut remarks: Vec<Remark> =
+        unexplained.iter().map(|u| Remark::new(About::Unexplained, not_explained(u))).collect();
+    remarks.extend(estimate_remarks(&fit.estimate));
     if !fit.loss.is_squares() {
         let said =
             format!("estimated by {} in place of squares: the noise covariance is that of pseudo-values", fit.loss);
@@ -254,6 +265,28 @@ pub fn fit_remarks(fit: &Fit) -> Vec<Remark> {
         remarks.extend(residual_remarks(&fit.quality, &fit.model.definition().time.to_string()));
     }
     remarks
+}
+
+/// What is wrong with an output that is not explained.
+fn not_explained(found: &Unexplained) -> String {
+    let name = format!("`{}`", found.output);
+    let r2 = found.r2.map(|r2| format!("R^2 {}", digits(r2, 3)));
+    match (r2, found.correlation, found.line) {
+        (Some(r2), Some(r), _) if found.is_mirrored() => {
+            format!("{name} runs against the model ({r2}, correlation {r:+.2}), as with a wrong sign")
+        }
+        (Some(r2), _, Some((factor, offset))) => {
+            let (times, more) = (digits(factor, 4), digits(offset, 4));
+            format!(
+                "{name} is not explained by the model ({r2}): the record is {times} times the response and {more}, as with another unit or offset"
+            )
+        }
+        (Some(r2), Some(r), None) => {
+            format!("{name} is not explained by the model ({r2}, correlation of record and response {r:+.2})")
+        }
+        (Some(r2), None, None) => format!("{name} is not explained by the model ({r2}): its response does not move"),
+        (None, ..) => format!("{name} never changes in the record, and is not what the model says"),
+    }
 }
 
 /// What a careful reader of the residuals would ask about; `time` is the unit of time.
