@@ -154,7 +154,8 @@ fn responses_are_those_of_the_same_equations_stage_by_stage() {
         assert!(a.iter().chain(b).all(|v| v.is_finite()));
         a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
     };
-    for entry in ENTRIES {
+    // what a run brings has no value without its run
+    for entry in ENTRIES.into_iter().filter(|entry| *entry != Entry::Known) {
         for parts in [1, 2, 3] {
             let plain = text(entry, parts, false);
             let (own, hidden) = (warm(&plain), disguised(&plain));
