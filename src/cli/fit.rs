@@ -3,6 +3,7 @@
 use crate::checkpoint::Checkpoints;
 use crate::deliver::{Delivery, NamedFile, Outcome, Output, Rendered, csv, histories, title};
 use crate::failure::{Ending, Failure, OrFailure, ended, remark};
+use crate::first_cause::ask_doctor;
 use crate::halt::{Halt, TimeLimit};
 use crate::load::{Estimated, MeasurementNoise, ModelFile, Records};
 use crate::methods::{Domain, Method, Methods, Question, StartValues, given};
@@ -266,7 +267,8 @@ impl<'a> Task<'a> {
         progress: &mut Progress,
     ) -> Result<Made, Failure> {
         let mut document = found.document();
-        let verdict = fit_verdict(&document);
+        let mut verdict = fit_verdict(&document);
+        ask_doctor((found.model(), found.estimate(), runs), &mut document, &mut verdict, progress);
         let told = |verbose: bool| format!("{}{}", self.text, found.text(self.arguments, runs, (&verdict, verbose)));
         let (mut text, mut whole) = (told(self.arguments.verbose), told(true));
         if let Some(predicted) = found.predicted(validation, self.options.noise(), progress)? {

@@ -85,6 +85,12 @@ impl Halt {
         self.stop().is_none()
     }
 
+    /// Whether there is time for what a result can do without: it ends with the time, and is not told to have run out of it.
+    pub(crate) fn has_time(&self) -> bool {
+        let over = self.deadline.is_some_and(|deadline| Instant::now() >= deadline);
+        !over && !self.interrupted.load(Ordering::Relaxed)
+    }
+
     /// Whether work was ended by the time limit.
     pub(crate) fn ran_out_of_time(&self) -> bool {
         self.over.load(Ordering::Relaxed)

@@ -19,6 +19,7 @@ mod effects;
 mod engine;
 mod export;
 mod failure;
+mod first_cause;
 mod fit;
 mod fmt;
 mod front;

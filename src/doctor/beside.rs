@@ -8,7 +8,8 @@ use crate::information;
 use crate::kinematics::Kinematics;
 use crate::likelihood::{Begin, Evidence, THOROUGH, Trial};
 use crate::record::Record;
-use crate::search::{Search, faults};
+use crate::search::{Found, Search, faults};
+use fdm_estimate::Termination;
 use fdm_system::Model;
 use fdm_system::record::{Run, channels};
 
@@ -80,7 +81,7 @@ pub fn examine_beside_while(
     let mut evidence =
         Evidence { model: Some(model), runs: &masked, records: &clean, channels: &names, kinematics, pace, goes_on };
     say("the record as it is");
-    let Some(current) = evidence.trial(Begin::TEXT, &[], THOROUGH).or_else(|| evidence.unexplained(&[])) else {
+    let Some(current) = evidence.base().or_else(|| evidence.unexplained(&[])) else {
         done.notes.push("nothing was compared beside the model: no output has samples".into());
         return done;
     };
@@ -88,8 +89,15 @@ pub fn examine_beside_while(
     let current = evidence.without_broken_equations(current);
     add_biases(&evidence, runs, records, &current, &mut done);
     let timed = channels(model.definition()).timed;
-    let found = faults(&Search { evidence: &evidence, timed, options, say }, current);
-    if !goes_on() && found.findings.is_empty() {
+    let ended = current.estimate.as_ref().map(|e| &e.termination).filter(|ended| !ended.is_good());
+    done.notes.extend(ended.map(|ended| format!("the fit beside the model did not end well: {ended}")));
+    // beside a response that is lost no fault makes a difference that means anything
+    let lost = matches!(ended, Some(Termination::Unstable { .. }));
+    let found = match lost {
+        true => Found { findings: Vec::new(), edits: Vec::new(), last: current, fits: 0 },
+        false => faults(&Search { evidence: &evidence, timed, options, say }, current),
+    };
+    if (lost || !goes_on()) && found.findings.is_empty() {
         // what needs no fit is told all the same
         let alone = Evidence { model: None, kinematics: evidence.kinematics.clone(), goes_on: &|| true, ..evidence };
         let start = alone.trial(Begin::TEXT, &[], 0);

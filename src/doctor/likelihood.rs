@@ -8,7 +8,7 @@ use crate::record::Record;
 use crate::spectrum::{Bands, interpolated};
 use fdm_estimate::{
     Changes, Continuation, DerivedQuantities, Estimate, FitOptions, Iteration, Observer, Options, Problem, ProblemRun,
-    Response, SharedSteps, Stop, estimate, fit, starts,
+    Response, SharedSteps, Stop, Termination, estimate, fit, starts,
 };
 use fdm_system::Model;
 use fdm_system::record::Run;
@@ -112,10 +112,31 @@ impl Evidence<'_> {
     /// Gaussian-noise fit of the runs with some edits; none where nothing can be simulated.
     pub(crate) fn trial(&self, begin: Begin<'_>, edits: &[Edit], iterations: usize) -> Option<Trial> {
         let beside = match self.model {
-            Some(model) => self.beside(model, begin, edits, iterations)?,
+            Some(model) => self.beside(model, begin, edits, Self::options(model, iterations))?,
             None => Trial::default(),
         };
         Some(self.with_kinematics(beside, edits))
+    }
+
+    /// The runs as they are. Where the start values lead to no minimum, with the fallbacks of a fit: what is not reached otherwise is no fault of
+    /// the record.
+    pub(crate) fn base(&self) -> Option<Trial> {
+        /// Times the iterations of a fit that fallbacks may take together.
+        const MOST: usize = 4;
+        let plain = self.trial(Begin::TEXT, &[], THOROUGH);
+        let has = |trial: &Trial, ended: fn(&Termination) -> bool| {
+            trial.estimate.as_ref().is_some_and(|e| ended(&e.termination))
+        };
+        let settled = plain.as_ref().is_some_and(|plain| has(plain, Termination::is_good));
+        let Some(model) = self.model.filter(|_| !settled) else { return plain };
+        let mut options = FitOptions { continuation: Continuation::Auto, ..Self::options(model, THOROUGH) };
+        options.options.total = Some(MOST * THOROUGH);
+        let led = self.beside(model, Begin::TEXT, &[], options).map(|beside| self.with_kinematics(beside, &[]));
+        let lost = |ended: &Termination| matches!(ended, Termination::Unstable { .. });
+        match (plain, led) {
+            (Some(plain), Some(led)) if !has(&led, lost) && plain.gain_over(&led) > 0.0 => Some(plain),
+            (plain, led) => led.or(plain),
+        }
     }
 
     /// What residuals of the edited runs (N by q each) are worth, with no estimate behind them. The values of parameters cost as in `near`.
@@ -186,13 +207,12 @@ impl Evidence<'_> {
         self.with_kinematics(current, &[])
     }
 
-    fn beside(&self, model: &Model, begin: Begin<'_>, edits: &[Edit], iterations: usize) -> Option<Trial> {
+    fn beside(&self, model: &Model, begin: Begin<'_>, edits: &[Edit], options: FitOptions) -> Option<Trial> {
         if !(self.goes_on)() {
             return None;
         }
         let new = self.edited_runs(model, edits)?;
         let lags = lags_of(edits);
-        let options = Self::options(model, iterations);
         let begun = begin.model.unwrap_or(model);
         let near = begin.steps.filter(|near| near.steps.suit(edits, new.len()));
         let on = |near: &Trial| on_steps(begun, &near.steps.of_runs, &new, &lags, &options, self.goes_on);

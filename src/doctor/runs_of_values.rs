@@ -1,6 +1,7 @@
 //! Equal neighbours: a stuck sensor, values at a rail, a sensor that is read more often than it measures, rows that stand twice.
 
 use crate::finding::{Fault, Finding};
+use crate::given::is_given;
 use crate::record::{Channel, Record, Role};
 use crate::repair::Repair;
 
@@ -64,7 +65,8 @@ fn constant(record: &Record, channel: &Channel, all: &[Stretch]) -> Option<Findi
     Some(finding.remark().repaired_by(Repair::words("what it drives cannot be determined by this run")))
 }
 
-/// Almost every run has one length above 1: the sensor measures every so many samples.
+/// Almost every run has one length above 1: the sensor measures every so many samples. Of a channel that nobody named that is a remark, as
+/// the commands of a slower computer look the same.
 fn held(record: &Record, channel: &Channel, all: &[Stretch]) -> Option<Finding> {
     const FEWEST: usize = 20;
     if channel.role == Role::Input || all.len() < FEWEST {
@@ -78,22 +80,32 @@ fn held(record: &Record, channel: &Channel, all: &[Stretch]) -> Option<Finding> 
     }
     // neighbours of a continuous signal are equal with the probability of a one in ten, generously
     let p = 0.1f64.powi(many.min(200) as i32);
-    let what =
-        format!("changes only every {length} samples: the sensor measures {length} times slower than the record");
+    let measured = format!("the sensor measures {length} times slower than the record");
+    let finding = |means: &str| {
+        let what = format!("changes only every {length} samples: {means}");
+        Finding::by_chance(&record.run, &channel.name, Fault::HeldSamples, p, what)
+    };
+    if channel.role == Role::Unknown {
+        let remark = finding(&format!("a command that is held, or {measured}")).remark();
+        return Some(remark.repaired_by(Repair::words("of a command: hold it (`--zoh`, `hold` in a map)")));
+    }
     let repair = Repair::words(&format!("--every {length}, or a map of the sensor's own samples"));
-    Some(Finding::by_chance(&record.run, &channel.name, Fault::HeldSamples, p, what).repaired_by(repair))
+    Some(finding(&measured).repaired_by(repair))
 }
 
 /// Values pile up at the least or greatest: in runs, and more than at the next level inside, which a smooth maximum has less than three of
-/// four samples above.
+/// four samples above. A command is what it was given as: what it does at a limit is exact, and at zero it is off.
 fn clipped(record: &Record, channel: &Channel, all: &[Stretch], alpha: f64) -> Option<Finding> {
+    if is_given(channel) {
+        return None;
+    }
     let values = || all.iter().map(|s| s.value);
     let (low, high) = values().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
     let n: usize = all.iter().map(|s| s.length).sum();
     // commands have few levels, and stay at each
     let long = all.iter().filter(|s| s.length > 1).map(|s| s.length).sum::<usize>();
     let mut best: Option<(f64, f64, usize, usize)> = None;
-    for rail in [low, high] {
+    for rail in [low, high].into_iter().filter(|rail| channel.role == Role::Output || *rail != 0.0) {
         let at: Vec<&Stretch> = all.iter().filter(|s| s.value == rail).collect();
         let count: usize = at.iter().map(|s| s.length).sum();
         let runs = at.iter().filter(|s| s.length >= 3).count();
@@ -167,6 +179,10 @@ fn stuck(record: &Record, channel: &Channel, all: &[Stretch], alpha: f64) -> Opt
     if !at_an_end && (next - longest.value).abs() < 3.0 * digit {
         return None;
     }
+    // a command that pauses goes on from where it is, by steps as it takes elsewhere
+    if is_given(channel) && (channel.role == Role::Input || at_an_end || !catches_up(&channel.values, longest)) {
+        return None;
+    }
     // another channel that moves shows that the record does not rest
     let within = longest.first..longest.first + longest.length;
     let moves = record.channels.iter().filter(|c| c.name != channel.name).any(|c| {
@@ -195,6 +211,18 @@ fn stuck(record: &Record, channel: &Channel, all: &[Stretch], alpha: f64) -> Opt
     Some(finding.at_samples(&record.time, within.collect()).repaired_by(repair))
 }
 
+/// Whether the step out of a run of equal values is beyond all others in the channel: what goes on below has to be caught up with.
+fn catches_up(values: &[f64], run: &Stretch) -> bool {
+    let end = run.first + run.length;
+    let steps = values.windows(2).enumerate().map(|(k, w)| (k, (w[1] - w[0]).abs()));
+    let (mut out, mut others) = (0.0_f64, 0.0_f64);
+    for (k, step) in steps.filter(|(_, step)| step.is_finite()) {
+        let side = if k + 1 == end { &mut out } else { &mut others };
+        *side = side.max(step);
+    }
+    out > 2.0 * others
+}
+
 /// Whether a run of equal values at an end of the record is a rest: motion dies out towards it, or grows out of it, by steps that are much smaller
 /// than usual. A sensor that sticks does so at any speed, and in its noise.
 fn rests(values: &[f64], run: &Stretch) -> bool {
@@ -218,6 +246,20 @@ fn rests(values: &[f64], run: &Stretch) -> bool {
     let middle = all.len() / 2;
     let usual = *all.select_nth_unstable_by(middle, f64::total_cmp).1;
     near.iter().sum::<f64>() < GENTLE * usual * near.len() as f64
+}
+
+/// Whether a channel goes to a neighbouring level and back at once, again and again, as noise makes a quantised sensor do: nearly all such
+/// returns are by one step. Those of a command go by any number of its levels.
+pub(crate) fn dithers(values: &[f64], step: f64) -> bool {
+    /// Returns by one step where two sizes were as likely: one of 256.
+    const FEWEST: usize = 8;
+    let all = stretches(values);
+    let back = |w: &&[Stretch]| w[1].length <= 2 && w[0].value == w[2].value;
+    let (by_one, returns) = all
+        .windows(3)
+        .filter(back)
+        .fold((0usize, 0usize), |(one, n), w| (one + usize::from((w[1].value - w[0].value).abs() < 1.5 * step), n + 1));
+    by_one >= FEWEST && 10 * by_one >= 8 * returns
 }
 
 /// Rows that repeat the row before in every channel that otherwise changes, at another time.

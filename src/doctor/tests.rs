@@ -677,3 +677,64 @@ fn a_zero_that_kinematics_know_is_told_beside_a_trim_that_the_model_lacks() {
         assert!(made(trim, 0.0).is_empty(), "trim {trim}: {:?}", made(trim, 0.0));
     }
 }
+
+#[test]
+fn commands_are_no_sensors() {
+    let wave = |k: usize| (0.1 * k as f64).sin();
+    let level = |k: usize| f64::from(u32::try_from(k * k % 41).unwrap_or(0)) - 20.0;
+    let given: [(&str, &dyn Fn(usize) -> f64); 9] = [
+        ("held levels", &|k| level(k / 10)),
+        ("a staircase", &|k| 0.1 * (k / 30) as f64),
+        ("gears", &|k| (k / 25 * 7 % 5) as f64),
+        ("rest, then a motion", &|k| 0.4 + if k < 90 { 0.0 } else { wave(k - 90) }),
+        ("a pause between two motions", &|k| if k < 200 { wave(k) } else { wave(if k < 260 { 200 } else { k - 60 }) }),
+        ("a doublet on a trim", &|k| {
+            0.3 + if (100..130).contains(&k) { 1.0 } else { -f64::from(u8::from((130..160).contains(&k))) }
+        }),
+        ("a motion at its limit", &|k| wave(k).clamp(-0.7, 0.7)),
+        ("a heater", &|k| (40.0 * wave(k / 2)).max(0.0).round()),
+        ("a held motion", &|k| wave(k / 7 * 7)),
+    ];
+    for (kind, of) in given {
+        for role in [Role::Input, Role::Unknown] {
+            let mut record = record(31);
+            let values = (0..N).map(of).collect();
+            record.channels.push(Channel { role, ..channel("u", values) });
+            record.channels.rotate_right(1);
+            let found = judged(&record);
+            assert!(found.is_empty(), "{kind}, {role:?}: {found:?}");
+        }
+    }
+    // what dithers between few levels is measured, whoever has named it
+    let mut dithering = record(32);
+    let rough: Vec<f64> = dithering.channels[0].values.iter().map(|v| 0.2 * (v / 0.2).round()).collect();
+    dithering.channels.push(Channel { role: Role::Unknown, ..channel("c", rough) });
+    assert_eq!(first(&dithering), (Fault::Quantised, "c".into()));
+}
+
+#[test]
+fn a_start_that_leads_nowhere_is_no_fault_of_the_record() {
+    let text = "model two { input u; state x = 0, v = 0; param theta = 1 in [-20, 20]; der(x) = v; der(v) = theta*v + u; output y = x; }";
+    let model = Model::from_text("two.fdm", text).expect("compiles");
+    let (mut noise, mut x, mut v) = (Noise::new(61), 0.0, 0.0);
+    let saw = |t: f64| 2.0 * (t / 6.3).fract() - 1.0;
+    let (mut time, mut inputs, mut measured) = (Vec::new(), Vec::new(), Vec::new());
+    for k in 0..N {
+        let t = 0.1 * k as f64;
+        time.push(t);
+        inputs.push(saw(t));
+        measured.push(x + 0.02 * noise.next());
+        let next = saw(t + 0.1);
+        for i in 0..100 {
+            let part = (f64::from(i) + 0.5) / 100.0;
+            let u = saw(t) + part * (next - saw(t));
+            let middle = v + 0.0005 * (-1.7 * v + u);
+            (x, v) = (x + 0.001 * middle, v + 0.001 * (-1.7 * middle + u));
+        }
+    }
+    let (held, input_gaps, output_gaps) = (vec![false], vec![0], vec![0]);
+    let run = Run { name: "r".into(), time, inputs, held, measured, input_gaps, output_gaps };
+    let record = Record::of_run(model.definition(), &run, None);
+    let found = examine_beside(&model, &[run], &[record], Vec::new(), &BesideOptions::default());
+    assert!(found.findings.iter().all(|f| f.severity == Severity::Remark), "{:?}", found.findings);
+}

@@ -3,6 +3,7 @@
 use crate::finding::{Fault, Finding, log_odds_of};
 use crate::record::{Channel, Record, Role};
 use crate::repair::{Change, Repair};
+use crate::runs_of_values::dithers;
 use crate::tail::Tail;
 use std::f64::consts::{PI, TAU};
 
@@ -177,7 +178,8 @@ pub(crate) fn wrapped(record: &Record, channel: &Channel) -> Option<Finding> {
     None
 }
 
-/// A quantiser whose step is coarse beside what the channel does: all values are multiples of one step and few levels are used.
+/// A quantiser whose step is coarse beside what the channel does: all values are multiples of one step and few levels are used. Of a channel
+/// that nobody named that is a remark, unless noise makes it go to and fro between levels: a command of few levels is a schedule.
 pub(crate) fn quantised(record: &Record, channel: &Channel) -> Option<Finding> {
     /// Levels between least and greatest, beyond which the noise of the step is a thousandth of the signal.
     const FEW: f64 = 48.0;
@@ -219,6 +221,10 @@ pub(crate) fn quantised(record: &Record, channel: &Channel) -> Option<Finding> {
         step / channel.scale / 12f64.sqrt()
     );
     let p = (0.02f64).powi(x.len().min(100) as i32);
+    if channel.role == Role::Unknown && !dithers(&channel.values, step) {
+        let what = format!("{what}; of a command, a schedule of {:.0} levels", levels + 1.0);
+        return Some(Finding::by_chance(&record.run, &channel.name, Fault::Quantised, p, what).remark());
+    }
     let repair = Repair::words("record it with more digits; or state the noise: --noise ").line_with(&format!(
         "{}={:.4}",
         channel.name,

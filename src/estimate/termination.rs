@@ -57,6 +57,17 @@ pub enum Termination {
     TimeLimit,
     /// The cost that was reached is none: not a finite number, or below that of a perfect match.
     Impossible,
+    /// The free response grows beyond all that could follow it, while the outputs stay in place: the values are those of a shorter record.
+    Unstable {
+        /// E-folds over the longest run.
+        growth: f64,
+        /// What that lasts, in the model's time unit.
+        length: f64,
+        /// A state of the mode that grows.
+        state: String,
+        /// The unit of time.
+        unit: String,
+    },
 }
 
 impl Termination {
@@ -137,6 +148,10 @@ impl fmt::Display for Termination {
                 };
                 write!(f, "run `{run}`, {place}: {what} is not a finite number at the start values")
             }
+            Self::Unstable { growth, length, state, unit } => write!(
+                f,
+                "unstable as a free response over {length} {unit} (growth e^{growth:.0}), though the outputs stay in place: use `--method filter-error` (add `noise der({state}) = s;` and `param s`) or `--domain frequency`"
+            ),
             Self::Interrupted => write!(f, "interrupted"),
             Self::TimeLimit => write!(f, "stopped by the time limit"),
             Self::Impossible => write!(

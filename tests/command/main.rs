@@ -27,4 +27,5 @@ mod suites;
 mod terminal;
 mod uncertainty;
 mod undetermined;
+mod unexplained;
 mod writing;

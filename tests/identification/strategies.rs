@@ -1,7 +1,9 @@
 //! Starts that the plain correction cannot use, and the strategies that can.
 
 use fdm::Model;
-use fdm::estimate::{Changes, Continuation, Fit, FitOptions, Options, Remedy, Shooting, by_confidence, fit};
+use fdm::estimate::{
+    Changes, Continuation, Fit, FitOptions, Options, Remedy, Shooting, Termination, by_confidence, fit,
+};
 use fdm::record::Run;
 use fdm::simulate::Simulator;
 use support::Normal;
@@ -75,6 +77,44 @@ fn balanced(model: &Model, name: &str, n: usize, noise: f64, seed: u64) -> Run {
         }
     }
     run
+}
+
+/// The same about upright, with a delay that is estimated, so that it cannot be cut into segments.
+const UPRIGHT: &str = r#"model upright "pendulum about upright" {
+    input torque; state th = free; state w = free;
+    param k = 4, c = 0.3, b = 1, tau = 0.01 in [0, 0.1];
+    der(th) = w;
+    der(w) = k*th - c*w + b*delay(torque, tau);
+    output th_m = th; output w_m = w;
+}"#;
+
+#[test]
+fn a_plant_that_is_held_in_place_is_told_to_be_unstable_with_the_method_that_works() {
+    let model = Model::from_text("upright.fdm", UPRIGHT).unwrap();
+    let run = [balanced(&model, "balanced", 300, 0.002, 3)];
+    let fit = fitted(&model, &run, &[], FitOptions::default());
+    let Termination::Unstable { growth, state, .. } = &fit.estimate.termination else {
+        panic!("{}", fit.estimate.termination)
+    };
+    // the root of s^2 + 0.4 s = 5 over 14.95 s
+    let want = 14.95 * (0.2f64.hypot(5f64.sqrt()) - 0.2);
+    assert!((growth / want - 1.0).abs() < 0.25 && state == "w", "{growth} for {want}, {state}");
+    assert!(!fit.is_good() && fit.estimate.termination.to_string().contains("--method filter-error"));
+}
+
+#[test]
+fn an_unstable_start_of_a_stable_plant_is_led_to_it() {
+    let text =
+        "model two { input u; state x = 0, v = 0; param theta = 1 in [-20, 20]; der(x) = v; der(v) = theta*v + u;
+        output y = x; }";
+    let model = Model::from_text("two.fdm", text).unwrap();
+    let mut run = blank(&model, "saw", (0..600).map(|k| 0.1 * f64::from(k)).collect());
+    run.inputs = (0..600).map(|k| f64::from(k % 63) / 31.5 - 1.0).collect();
+    let mut run = answered(&model, run, &[("theta", -1.6)]);
+    let mut normal = Normal(5);
+    run.measured.iter_mut().for_each(|z| *z += 0.02 * normal.next());
+    let fit = fitted(&model, &[run], &[], FitOptions::default());
+    check(&fit, &[("theta", -1.6)], 0.02);
 }
 
 /// The fit from these start values.

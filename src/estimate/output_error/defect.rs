@@ -12,6 +12,11 @@ use std::fmt;
 pub enum FitDefect {
     /// The iteration did not end at a minimum.
     Ended(Termination),
+    /// At the start values the free response grows by so many e-folds over the record, while the outputs stay in place.
+    Unstable {
+        /// E-folds.
+        growth: f64,
+    },
     /// It did, but the model matches the measurement badly there.
     PoorMatch {
         /// The output that is matched worst.
@@ -32,6 +37,7 @@ impl fmt::Display for FitDefect {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Ended(termination) => write!(f, "{termination}"),
+            Self::Unstable { growth } => write!(f, "unstable as a free response: it grows by e^{growth:.0}"),
             Self::SmoothResiduals { output, r2 } => {
                 write!(f, "converged to smooth residuals of `{output}`, R^2 {r2:.3}")
             }

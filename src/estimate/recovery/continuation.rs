@@ -4,7 +4,7 @@
 //! What a short record does not determine is pulled weakly towards the start values, so that it does not fly away
 //! before the record is long enough; the whole record is fitted without that.
 
-use crate::observer::Observer;
+use crate::observer::{Observer, Stop};
 use crate::output_error::defect::trouble;
 use crate::output_error::error::FitError;
 use crate::output_error::fit::{Fit, LengthFit};
@@ -12,6 +12,7 @@ use crate::output_error::options::{Continuation, FitOptions};
 use crate::output_error::single::{after, single_fit};
 use crate::problem::Options;
 use crate::recovery::budget::{Halted, stop};
+use crate::recovery::free_response::FreeResponse;
 use fdm_grammar::model::{Origin, Prior};
 use fdm_system::model::Model;
 use fdm_system::record::Run;
@@ -115,6 +116,12 @@ impl LengthContinuation<'_> {
                 return self.whole(&reached, &mut Halted(stop)).map(Some);
             }
             let poor = trouble(&fit.estimate).is_some_and(|t| t.is_severe());
+            if !poor && let Some(found) = self.unstable(&fit, &starts, next) {
+                let reached = after(self.model, self.runs, &fit.estimate, &starts);
+                let mut fit = self.whole(&reached, &mut Halted(Stop::Iterations))?;
+                fit.estimate.termination = found.termination();
+                return Ok(Some(fit));
+            }
             // a very short record may be noise only, which no model matches; one that was matched once stays so
             if fit.estimate.cost.is_some() && !(poor && matched) {
                 starts = after(self.model, self.runs, &fit.estimate, &starts);
@@ -133,6 +140,13 @@ impl LengthContinuation<'_> {
             next = reached * growth;
         }
         self.whole(&starts, observer).map(Some)
+    }
+
+    /// The mode by which the response is surely lost over the whole record, at the estimates of this share of it.
+    fn unstable(&self, fit: &Fit, starts: &[Vec<f64>], share: f64) -> Option<FreeResponse> {
+        let theta = after(self.model, self.runs, &fit.estimate, starts);
+        let found = FreeResponse::of(self.model, self.runs, &fit.estimate, theta.first()?)?;
+        found.is_surely_lost(self.runs, share).then_some(found)
     }
 
     /// The share of the record that has some cells for each unknown, and two samples at least.

@@ -11,9 +11,11 @@ use crate::output_error::options::{Continuation, FitOptions, Shooting};
 use crate::output_error::single::single_fit;
 use crate::recovery::budget::{Halted, stop};
 use crate::recovery::continuation::{Length, LengthContinuation};
+use crate::recovery::free_response::FreeResponse;
 use crate::recovery::shooting::shoot;
 use crate::recovery::substitution::Substitution;
 use crate::residuals::{InputCorrelation, OutputQuality, run_quality};
+use crate::termination::Termination;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 
@@ -29,6 +31,14 @@ pub(crate) fn attempt(
     options: &FitOptions,
     observer: &mut dyn Observer,
 ) -> Result<Fit, FitError> {
+    let unasked = options.shooting.is_none() && options.substitute.is_empty();
+    if unasked
+        && options.continuation == Continuation::Auto
+        && let Some(lost) = FreeResponse::at_start(model, runs, starts).filter(|found| found.is_lost(runs, None))
+        && let Some(fit) = from_short_records(model, runs, starts, options, &lost, observer)?
+    {
+        return Ok(fit);
+    }
     let fit = as_asked(model, runs, starts, options, observer)?;
     let found = trouble(&fit.estimate).filter(|_| options.continuation == Continuation::Auto);
     let found =
@@ -37,6 +47,48 @@ pub(crate) fn attempt(
         Some(trouble) => rescue(model, runs, starts, options, (fit, trouble), observer),
         None => Ok(fit),
     }
+}
+
+/// Lengthening records where the whole one cannot be followed from the start values. None where no estimate comes of it that is sound, or shows
+/// why there is none.
+fn from_short_records(
+    model: &Model,
+    runs: &[Run],
+    starts: &[Vec<f64>],
+    options: &FitOptions,
+    lost: &FreeResponse,
+    observer: &mut dyn Observer,
+) -> Result<Option<Fit>, FitError> {
+    let found = FitDefect::Unstable { growth: lost.growth() };
+    let Some((remedy, fit)) = by_continuation(model, runs, starts, options, observer)? else { return Ok(None) };
+    if is_unstable(&fit) {
+        return held_in_place(model, runs, starts, options, (fit, found, vec![remedy]), observer).map(Some);
+    }
+    let sound = trouble(&fit.estimate).is_none();
+    Ok(sound.then(|| Fit { rescue: Some(Recovery { trouble: found, failed: Vec::new(), by: Some(remedy) }), ..fit }))
+}
+
+fn is_unstable(fit: &Fit) -> bool {
+    matches!(fit.estimate.termination, Termination::Unstable { .. })
+}
+
+/// The end of a fit whose response is surely lost over the whole record, after some failed strategies: segments hold it in place where the model
+/// can be cut.
+fn held_in_place(
+    model: &Model,
+    runs: &[Run],
+    starts: &[Vec<f64>],
+    options: &FitOptions,
+    (fit, found, mut failed): (Fit, FitDefect, Vec<RecoveryStrategy>),
+    observer: &mut dyn Observer,
+) -> Result<Fit, FitError> {
+    if let Some((remedy, cut)) = by_shooting(model, runs, starts, options, observer)? {
+        if trouble(&cut.estimate).is_none() {
+            return Ok(Fit { rescue: Some(Recovery { trouble: found, failed, by: Some(remedy) }), ..cut });
+        }
+        failed.push(remedy);
+    }
+    Ok(Fit { rescue: Some(Recovery { trouble: found, failed, by: None }), ..fit })
 }
 
 /// Compared samples that tell noise from what a wrong minimum leaves.
@@ -146,6 +198,10 @@ pub(crate) fn rescue(
             }
             continue;
         };
+        if is_unstable(&fit) {
+            tried.push(remedy);
+            return held_in_place(model, runs, starts, options, (fit, found, tried), observer);
+        }
         let left = trouble(&fit.estimate);
         let confirmed = matches!(left, Some(FitDefect::SmoothResiduals { .. })) && agree(&fit, &best);
         if confirmed && doubtful && by.is_none() {

@@ -111,6 +111,9 @@ fn of_fit(fit: &FitDocument) -> (Trust, String) {
     if fit.termination != Terminated::Converged {
         return (Trust::Bad, format!("{what} did not end well: {}.", fit.message));
     }
+    if let Some(first) = fit.remarks.iter().find(|r| r.about == About::Unexplained) {
+        return (Trust::Bad, format!("{what} converged, but {}.", first.sentence));
+    }
     if !fit.undetermined.is_empty() {
         let said = format!(
             "{what} converged, but the data do not determine every parameter: errors and values below hold only where they are shown."
@@ -171,7 +174,8 @@ fn place(about: About) -> &'static str {
         About::Correlated => "correlations",
         About::Table => "tables",
         About::Iteration => "convergence",
-        About::Offset
+        About::Unexplained
+        | About::Offset
         | About::Input
         | About::Colour
         | About::Noise

@@ -10,6 +10,7 @@ use super::remarks::{Remark, estimate_remarks, fit_remarks, spectral_remarks};
 use super::requirement::Assessment;
 use super::study::Study;
 use fdm_discover::LackOfFit;
+use fdm_doctor::Finding;
 use fdm_estimate::residuals::OutputQuality;
 use fdm_estimate::{
     BiasCorrection, Continuity, Curvature, Direction, DoubtedInitials, Estimate, FilterFit, Fit, Iteration, LengthFit,
@@ -81,6 +82,9 @@ pub struct FitDocument {
     pub history: Vec<Iteration>,
     /// What should not be overlooked.
     pub remarks: Vec<Remark>,
+    /// What the doctor names first of the records, where an output is not explained; left out where it was not asked, or names nothing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub first_cause: Option<Finding>,
     /// What was assumed about the records and found in them; left out where that is nothing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub records: Option<JudgedRecords>,
@@ -181,6 +185,8 @@ pub enum Terminated {
     TimeLimit,
     /// The cost that was reached is none.
     Impossible,
+    /// The free response grows beyond all that could follow it.
+    Unstable,
 }
 
 impl From<&Termination> for Terminated {
@@ -195,6 +201,7 @@ impl From<&Termination> for Terminated {
             Termination::Interrupted => Self::Interrupted,
             Termination::TimeLimit => Self::TimeLimit,
             Termination::Impossible => Self::Impossible,
+            Termination::Unstable { .. } => Self::Unstable,
         }
     }
 }
@@ -408,6 +415,7 @@ impl FitDocument {
             history: e.history.clone(),
             remarks: estimate_remarks(e),
             doubted_initials: None,
+            first_cause: None,
             integration: None,
             rescue: None,
             rescue_message: None,

@@ -4,9 +4,9 @@ use super::BridgeDocument;
 use super::digits::digits;
 use super::doubted;
 use super::equal_minima::equal_minima;
-use fdm_estimate::residuals::{Cause, InputCorrelation, NoiseVariation, OutputFit, OutputQuality, Trend};
+use fdm_estimate::residuals::{Cause, InputCorrelation, NoiseVariation, OutputFit, OutputQuality, Trend, Unexplained};
 use fdm_estimate::{
-    Curvature, Estimate, Fit, LONG_RUN, NoiseColour, ParameterEstimate, SpectralFit, Status, Uncorrected,
+    Curvature, Estimate, Fit, LONG_RUN, NoiseColour, ParameterEstimate, SpectralFit, Status, Termination, Uncorrected,
 };
 use fdm_numeric::statistics::Student;
 use serde::{Deserialize, Serialize};
@@ -22,6 +22,8 @@ pub enum About {
     Minima,
     /// Initial values that the model states and the data contradict.
     Initial,
+    /// Outputs that the model does not explain, or whose mirror image it is.
+    Unexplained,
     /// Parameters that nothing determines.
     Undetermined,
     /// Parameters that priors determine, not data.
@@ -64,17 +66,17 @@ impl About {
     /// In which order remarks are told: what speaks most against a result first.
     pub fn rank(self) -> usize {
         match self {
-            Self::Likelihood | Self::Initial | Self::Undetermined => 0,
-            Self::Minima => 1,
-            Self::Bound | Self::Few => 1,
-            Self::Offset => 2,
-            Self::Input => 3,
-            Self::Colour | Self::Noise => 4,
-            Self::Drawn | Self::Intervals => 5,
-            Self::Correlated => 6,
-            Self::Prior | Self::Table => 7,
-            Self::Iteration => 8,
-            Self::NoNoise | Self::Untested | Self::NotMeasured | Self::Bridged | Self::Short => 9,
+            Self::Likelihood | Self::Initial | Self::Unexplained => 0,
+            Self::Undetermined => 1,
+            Self::Minima | Self::Bound | Self::Few => 2,
+            Self::Offset => 3,
+            Self::Input => 4,
+            Self::Colour | Self::Noise => 5,
+            Self::Drawn | Self::Intervals => 6,
+            Self::Correlated => 7,
+            Self::Prior | Self::Table => 8,
+            Self::Iteration => 9,
+            Self::NoNoise | Self::Untested | Self::NotMeasured | Self::Bridged | Self::Short => 10,
         }
     }
 
@@ -86,6 +88,7 @@ impl About {
     /// What to do about it, where the sentence does not say so itself.
     pub fn advice(self) -> Option<&'static str> {
         Some(match self {
+            Self::Unexplained => "`fdm doctor` looks for the cause in the record, `fdm diagnose` in the model",
             Self::Undetermined => "fix some of them, give a prior, or add a run that excites them",
             Self::Prior => "a run that excites it would tell more (`fdm design`)",
             Self::Correlated => "fix one, give a prior, or add a run that tells them apart (`fdm design`)",
@@ -261,8 +264,12 @@ pub fn spectral_remarks(fit: &SpectralFit) -> Vec<Remark> {
 
 /// Both, of a fit in the time domain.
 pub fn fit_remarks(fit: &Fit) -> Vec<Remark> {
+    // a response that is lost explains nothing, whatever the record is
+    let lost = matches!(fit.estimate.termination, Termination::Unstable { .. });
+    let unexplained = if lost { Vec::new() } else { Unexplained::of(&fit.estimate) };
     let initial = fit.doubted_initials.as_ref().and_then(doubted::sentence);
     let mut remarks: Vec<Remark> = initial.into_iter().map(|said| Remark::new(About::Initial, said)).collect();
+    remarks.extend(unexplained.iter().map(|u| Remark::new(About::Unexplained, not_explained(u))));
     remarks.extend(estimate_remarks(&fit.estimate));
     remarks.extend(equal_minima(fit).into_iter().map(|said| Remark::new(About::Minima, said)));
     if !fit.loss.is_squares() {
@@ -285,6 +292,28 @@ pub fn fit_remarks(fit: &Fit) -> Vec<Remark> {
         remarks.extend(residual_remarks(&fit.quality, &fit.model.definition().time.to_string()));
     }
     remarks
+}
+
+/// What is wrong with an output that is not explained.
+fn not_explained(found: &Unexplained) -> String {
+    let name = format!("`{}`", found.output);
+    let r2 = found.r2.map(|r2| format!("R^2 {}", digits(r2, 3)));
+    match (r2, found.correlation, found.line) {
+        (Some(r2), Some(r), _) if found.is_mirrored() => {
+            format!("{name} runs against the model ({r2}, correlation {r:+.2}), as with a wrong sign")
+        }
+        (Some(r2), _, Some((factor, offset))) => {
+            let (times, more) = (digits(factor, 4), digits(offset, 4));
+            format!(
+                "{name} is not explained by the model ({r2}): the record is {times} times the response and {more}, as with another unit or offset"
+            )
+        }
+        (Some(r2), Some(r), None) => {
+            format!("{name} is not explained by the model ({r2}, correlation of record and response {r:+.2})")
+        }
+        (Some(r2), None, None) => format!("{name} is not explained by the model ({r2}): its response does not move"),
+        (None, ..) => format!("{name} never changes in the record, and is not what the model says"),
+    }
 }
 
 /// What a careful reader of the residuals would ask about; `time` is the unit of time.
