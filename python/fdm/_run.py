@@ -66,6 +66,7 @@ class Run:
     without_output: outputs that are not compared.
     known: values that the run brings (``known T0 per run;``): a number in the model's unit, ``(20, "degC")`` or ``"20 degC"``.
     groups: the group that the run belongs to, by grouping (``param k per group aircraft;``): ``{"aircraft": "A"}``.
+    begin: where the run begins: the instant that is the model's time 0, in the times of the samples, at the first of them or before it.
     mask: only samples where it is not 0 are compared: samples (N) or the name of a column, for all outputs or by output.
 
     NaN marks a sample that is missing: outputs are not compared there, inputs are bridged linearly. Channels with other rates are
@@ -90,15 +91,17 @@ class Run:
         without_output: str | Iterable[str] = (),
         known: Mapping[str, Any] | None = None,
         groups: Mapping[str, str] | None = None,
+        begin: float | None = None,
         mask: ArrayLike | str | Mapping[str, ArrayLike | str] | None = None,
     ):
         self._begin(zoh, without_output, groups)
         if isinstance(data, (str, os.PathLike)):
             if t is not None or inputs or outputs or units:
                 raise TypeError("a file has its own times, channels and units: leave out t, inputs, outputs and units")
-            self._of_file(data, name, {"map": map, "known": known, "mask": mask})
+            self._of_file(data, name, {"map": map, "known": known, "begin": begin, "mask": mask})
             return
         self.name = name or "run"
+        self._start = begin
         # whether a channel that the model does not have is a mistake
         self._exact = data is None
         self._channels: dict[str, Signal] = {}
@@ -129,6 +132,7 @@ class Run:
     def _begin(self, zoh: Any, without_output: Any, groups: Mapping[str, str] | None) -> None:
         self.file: Path | None = None
         self._words: list[str] = []
+        self._start: float | None = None
         self._source: _fdm.Source | None = None
         self._bound: weakref.WeakKeyDictionary[Any, dict[Any, _fdm.Record]] = weakref.WeakKeyDictionary()
         self.zoh, self.without_output = listed(zoh), listed(without_output)
@@ -148,18 +152,19 @@ class Run:
         without_output: str | Iterable[str] = (),
         known: Mapping[str, Any] | None = None,
         groups: Mapping[str, str] | None = None,
+        begin: float | None = None,
         mask: str | Mapping[str, str] | None = None,
         name: str | None = None,
         **options: Any,
     ) -> Run:
-        """A run of a file, with the options of the command: ``fdm fit --data FILE --map ... --from ... --to ... --every ...``.
+        """A run of a file, with the options of the command: ``fdm fit --data FILE --map ... --from ... --to ... --begin ... --every ...``.
 
         map: columns by channel, or the file of a map (``--map-file``), or ``"px4"``, ``"ardupilot"``, ``"fti"``. known, groups and mask are
         those of `Run`. The file is read when a model is there that says what its channels are.
         """
         run = cls.__new__(cls)
         run._begin(zoh, without_output, groups)
-        reading = {"map": map, "from": from_, "to": to, "every": every, "known": known, "mask": mask, **options}
+        reading = {"map": map, "from": from_, "to": to, "every": every, "known": known, "begin": begin, "mask": mask, **options}
         run._of_file(file, name, reading)
         return run
 
@@ -269,7 +274,7 @@ class Run:
             if (self._exact or name in known) and name not in self.without_output
         ]
         taken += [(name, unit, np.full(len(self), value)) for name, (value, unit) in self._known.items()]
-        return model._m.run(self.name, taken, self.groups, self.zoh, waived or bool(self.without_output))
+        return model._m.run(self.name, taken, self.groups, self.zoh, waived or bool(self.without_output), self._start)
 
     def _belongs(self, model: Model) -> None:
         """Refuses a run that does not say to which group of the model it belongs."""
@@ -405,7 +410,7 @@ def as_runs(runs: RunLike | Sequence[RunLike]) -> list[Run | RunTable]:
 
 
 # Options of reading, which belong to the files
-_READING = {"map", "map_file", "salvage", "from", "to", "every", "zoh", "without_output", "known", "group", "groups", "mask"}
+_READING = {"map", "map_file", "salvage", "from", "to", "begin", "every", "zoh", "without_output", "known", "group", "groups", "mask"}
 
 
 def _reading(options: Mapping[str, Any]) -> list[str]:

@@ -220,6 +220,7 @@ impl Model {
         groups: BTreeMap<String, String>,
         hold: Vec<String>,
         without_outputs: bool,
+        begin: Option<f64>,
     ) -> PyResult<Record> {
         let mut builder = self.model.run(name);
         for (grouping, group) in &groups {
@@ -245,6 +246,9 @@ impl Model {
         }
         if without_outputs {
             builder = builder.without_outputs();
+        }
+        if let Some(begin) = begin {
+            builder = builder.begin(begin);
         }
         let run = py.detach(|| builder.build()).map_err(|e| crate::errors::run(py, &e))?;
         Ok(Record { record: request::Record::in_memory(run) })

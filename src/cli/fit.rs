@@ -144,6 +144,9 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     }
     let mut progress = Progress::new(quiet).within(&arguments.limit).watching(arguments.watch);
     let model = arguments.model.load_for(&arguments.records)?;
+    if question.method == Method::FrequencyResponse || question.domain == Domain::Frequency {
+        arguments.records.refuse_begin(&model)?;
+    }
     let (campaign, validation) = arguments.records.read_with_validation(&model, &arguments.validation, quiet)?;
     let runs = &campaign.runs[..];
     let options = arguments.options(question, &model)?;

@@ -388,6 +388,16 @@ impl Records {
         self.read_files(model, validation, quiet)
     }
 
+    /// Refuses runs with a beginning of their own where nothing is simulated from it.
+    pub(crate) fn refuse_begin(&self, model: &Model) -> Result<(), Failure> {
+        let files = self.every(&self.selection.options(true), model)?;
+        if files.iter().all(|file| file.options.beginning().is_none()) {
+            return Ok(());
+        }
+        let said = "--begin: only a simulation in time begins somewhere; spectra, frequency responses and regressions begin with the first sample: leave it out";
+        Err(Failure::input([said]))
+    }
+
     /// Says how many runs of the table are left aside.
     pub(crate) fn say_left(&self, model: &Model, quiet: bool) -> Result<(), Failure> {
         let left = self.of_list(Role::Validation, &self.selection.options(true), model)?.len();

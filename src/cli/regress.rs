@@ -204,6 +204,7 @@ impl Arguments {
 /// A model with its changes, and the runs; both are ready for a regression.
 fn loaded(model: &ModelFile, changes: &Changes, records: &Records, quiet: bool) -> Result<(Model, Campaign), Failure> {
     let model = changed(&model.load_for(records)?, changes).or_failure()?;
+    records.refuse_begin(&model)?;
     let campaign = records.read(&model, quiet)?;
     Ok((model, campaign))
 }
