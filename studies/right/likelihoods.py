@@ -179,6 +179,8 @@ def main():
                 totals[group][verdict] += 1
                 shown = "" if reached is None else f"{reached:.3f}"
                 table.append([group, kind, seed, code, shown, f"{reference:.3f}", int(holds), verdict])
+                # what has been found stays when the study is stopped
+                print(*table[-1], flush=True)
     if results:
         with open(results, "w", newline="") as file:
             csv.writer(file).writerows([["group", "kind", "seed", "exit", "log_likelihood", "reference", "holds", "verdict"], *table])
