@@ -17,7 +17,7 @@ const STALL: &str = "model wing \"lift behind a lag, with a stall\" {
 
 /// Steps of at most 0.05 rad, far below the stall: x follows them exactly, and the curve is a straight line there.
 fn record(amplitude: f64) -> Run {
-    let (count, dt, tau) = (400, 0.05, 0.25);
+    let (count, dt, tau) = (400, 0.05_f64, 0.25);
     let mut normal = Normal(5701);
     let step = |k: usize| amplitude * [1.0, -0.5, 0.5, -1.0, 0.0, 0.7][k / 20 % 6];
     let (mut x, mut measured) = (0.0_f64, Vec::new());
