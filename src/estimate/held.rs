@@ -43,18 +43,28 @@ pub(crate) fn with_undetermined_held(
     let worthwhile = |found: &Solved, observer: &mut dyn Observer| {
         options.colour && found.estimate.termination.is_good() && observer.stopped().is_none()
     };
-    for _ in 0..ROUNDS {
-        let new: Vec<Pin> = best.lost.iter().filter(|l| l.moved()).map(|l| l.at(l.start)).collect();
-        if new.is_empty() || !worthwhile(&best, observer) {
+    'rounds: for _ in 0..ROUNDS {
+        if !best.lost.iter().any(|l| !l.bound) {
             break;
         }
-        let with: Vec<Pin> = pins.iter().chain(&new).copied().collect();
-        let held = solve(problem, options, None, (&with, None), &mut Quiet(observer))?;
-        let gained = held.estimate.cost.zip(best.estimate.cost).map_or(f64::INFINITY, |(held, free)| held - free);
-        if !held.estimate.termination.is_good() || gained > WORTH * new.len() as f64 {
-            break;
+        // what ran to a bound beside them may have taken their part
+        let of =
+            |bounds: bool| best.lost.iter().filter(move |l| l.moved() && (bounds || !l.bound)).map(|l| l.at(l.start));
+        let mut sets: Vec<Vec<Pin>> = vec![of(true).collect(), of(false).collect()];
+        sets.dedup();
+        for new in sets.into_iter().filter(|new| !new.is_empty()) {
+            if !worthwhile(&best, observer) {
+                break 'rounds;
+            }
+            let with: Vec<Pin> = pins.iter().chain(&new).copied().collect();
+            let held = solve(problem, options, None, (&with, None), &mut Quiet(observer))?;
+            let gained = held.estimate.cost.zip(best.estimate.cost).map_or(f64::INFINITY, |(held, free)| held - free);
+            if held.estimate.termination.is_good() && gained <= WORTH * new.len() as f64 {
+                (best, pins) = (merged(held, &best), with);
+                continue 'rounds;
+            }
         }
-        (best, pins) = (merged(held, &best), with);
+        break;
     }
     // what only shows beside all others would take part in their errors
     let new: Vec<Pin> = best.lost.iter().filter(|l| l.shows).map(|l| l.at(l.value)).collect();
@@ -76,7 +86,7 @@ fn merged(mut held: Solved, before: &Solved) -> Solved {
     held
 }
 
-/// An unknown that the data do not determine by itself.
+/// An unknown that the data do not determine by itself, or that went to a bound.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Lost {
     /// Its place in the vector of unknowns.
@@ -87,6 +97,8 @@ pub(crate) struct Lost {
     pub(crate) value: f64,
     /// Whether its sensitivities are small, but not zero.
     pub(crate) shows: bool,
+    /// Whether it is at a bound, and began inside.
+    pub(crate) bound: bool,
 }
 
 impl Lost {

@@ -71,7 +71,7 @@ pub(crate) struct Solved {
     pub(crate) estimate: Estimate,
     /// The values of all unknowns.
     pub(crate) values: Vec<f64>,
-    /// Unknowns that are not determined by themselves, nodes of smooth tables left out: these follow their neighbours.
+    /// Unknowns that are not determined by themselves or went to a bound, nodes of smooth tables left out: these follow their neighbours.
     pub(crate) lost: Vec<Lost>,
 }
 

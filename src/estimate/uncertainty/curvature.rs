@@ -138,7 +138,12 @@ impl Line {
         let others = inverse.chosen.iter().copied().filter(|j| *j != own && inside(*j, there[*j]));
         let others: Vec<usize> = others.filter(|j| quadratic.scale[*j] > 0.0).collect();
         let mut step = vec![0.0; there.len()];
-        let gained = if quadratic.solve(&others, 0.0, &mut step) { quadratic.reduction(&step).max(0.0) } else { 0.0 };
+        // a parameter alone has nothing to follow it
+        let gained = if !others.is_empty() && quadratic.solve(&others, 0.0, &mut step) {
+            quadratic.reduction(&step).max(0.0)
+        } else {
+            0.0
+        };
         Some((2.0 * (cost - gained - base).max(0.0)).sqrt())
     }
 }
@@ -166,8 +171,8 @@ mod tests {
         let near = |found: Option<f64>, want: f64| found.is_some_and(|t| (t - want).abs() < 0.02);
         let straight = ends(2.0, 2.0, 2.0);
         assert!(near(straight[0], -2.0) && near(straight[1], 2.0), "{straight:?}");
-        // t - t^2/8: 2.5 below, 1.5 above, and never 2 above
-        let bent = ends(2.5, 1.5, 2.0);
-        assert!(near(bent[0], -4.0 * (2.0_f64.sqrt() - 1.0)) && bent[1].is_none(), "{bent:?}");
+        // t - 0.15 t^2 is -2.6 at -2 and 1.4 at 2, and never 2
+        let bent = ends(2.6, 1.4, 2.0);
+        assert!(near(bent[0], (1.0 - 2.2_f64.sqrt()) / 0.3) && bent[1].is_none(), "{bent:?}");
     }
 }

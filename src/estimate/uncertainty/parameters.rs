@@ -229,7 +229,7 @@ impl Statistics {
         Self { status, covariance, corrected, freedom, place, limits, null, directions, by_prior, faint }
     }
 
-    /// Unknowns that are not determined by themselves, from where they began to where they are; nodes of smooth tables follow their neighbours and do not
+    /// Unknowns that are not determined by themselves, and those that went to a bound, from where they began to where they are; nodes of smooth tables follow their neighbours and do not
     /// count.
     pub(crate) fn lost(
         &self,
@@ -245,12 +245,16 @@ impl Statistics {
             self.directions.iter().any(|d| matches!(&d.moves[..], [(own, _)] if *own == name))
         };
         let by_itself = |j: &usize| !smooth.contains(problem.params[unknowns.owner(*j).1].quantity.name.as_str());
+        let bound = |j: &usize| {
+            let inside = unknowns.lower[*j] < began[*j] && began[*j] < unknowns.upper[*j];
+            inside && matches!(self.status[*j], Status::AtLowerBound | Status::AtUpperBound)
+        };
         (0..values.len())
-            .filter(|j| self.status[*j] == Status::NotDetermined && !unknowns.held.contains(j))
-            .filter(|j| alone(j) && by_itself(j))
+            .filter(|j| !unknowns.held.contains(j) && by_itself(j))
+            .filter(|j| bound(j) || self.status[*j] == Status::NotDetermined && alone(j))
             .map(|j| {
                 let shows = self.faint.contains(&j);
-                Lost { unknown: j, start: began[j], value: values[j], shows }
+                Lost { unknown: j, start: began[j], value: values[j], shows, bound: bound(&j) }
             })
             .collect()
     }
