@@ -660,9 +660,14 @@ pub(crate) fn remarks(fit: &Fit, complete: bool) -> Vec<String> {
 
 /// What is said about integration errors that are not to be passed over.
 pub(crate) fn integration_remarks(fit: &Fit) -> Vec<String> {
-    const ADVICE: &str = "take more steps (--steps), another method (--integrator), or leave both to be chosen";
+    let advice = |fault: &IntegrationFault| match fault.chosen {
+        true => {
+            "choosing steps and fitting again has not ended; bound the parameters that went far, or take more steps (--steps)"
+        }
+        false => "take more steps (--steps), another method (--integrator), or leave both to be chosen",
+    };
     let said = |fault: &IntegrationFault| match fault.is_severe() {
-        true => format!("{fault}: the estimates are those of the steps, not of the model; {ADVICE}"),
+        true => format!("{fault}: the estimates are those of the steps, not of the model; {}", advice(fault)),
         false => format!("note: {fault}"),
     };
     // one line for an output, of the run where it is worst

@@ -192,6 +192,8 @@ pub fn examined(
         fit.quality = runs.iter().zip(&fit.estimate.runs).flat_map(judge).collect();
     }
     fit.integration_faults = integration_faults(&fit, runs, starts)?;
+    let chosen = options.per_interval.is_none() && options.scheme.is_none();
+    fit.integration_faults.iter_mut().for_each(|fault| fault.chosen = chosen);
     if !options.bare {
         let thetas = after(&fit.model, runs, &fit.estimate, starts);
         let steps: Vec<Steps> = fit.integration.iter().map(|a| a.steps.clone()).collect();

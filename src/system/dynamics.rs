@@ -88,7 +88,7 @@ pub trait Dynamics: Send + Sync {
     /// (`layout.event_slots()`).
     fn events_and_partials(&self, _at: Point<'_>, _out: &mut [f64], _work: &mut Workspace) {}
 
-    /// Where the model has events, f_t (n). Structural zeros are not written: `out` must hold zeros there.
+    /// Where the model has events or hard limits, f_t (n). Structural zeros are not written: `out` must hold zeros there.
     fn rates_by_time(&self, _at: Point<'_>, _out: &mut [f64], _work: &mut Workspace) {}
 
     /// Loads the foreign code that programs call, and tries it.

@@ -138,3 +138,43 @@ fn numbers_that_cannot_be_held_are_refused_with_their_place() {
     let said = desk.refused("simulate swing.fdm --data small.csv");
     assert!(said.contains("line 3") && said.contains("1e-400"), "{said}");
 }
+
+/// Ten units of time between two samples, and events: a fit chooses its steps by the response, as a simulation does.
+#[test]
+fn a_fit_between_two_samples_takes_the_steps_of_a_simulation() {
+    let text = "model pulse {
+      param k1 = 0.9 in [0, 10], k2 = 0.5 in [0, 10]; state a = 1, b = 1;
+      reactions { a -> b : k1*a; b -> a : k2*b; } when t >= 6 { a = a + 4; } output y = a; noise y = 0.5; }";
+    let desk = Desk::with([("pulse.fdm", text), ("run.csv", "t,y\n0,0.7\n10,0.1\n")]);
+    let fitted = printed(&desk.fdm("fit pulse.fdm --data run.csv --iterations 0"));
+    // two amounts that turn into each other relax with k1 + k2 to their share of the sum
+    let (rate, share): (f64, f64) = (1.4, 0.5 / 1.4);
+    let at_6 = 2.0 * share + (1.0 - 2.0 * share) * (-rate * 6.0).exp();
+    let y = 6.0 * share + (at_6 + 4.0 - 6.0 * share) * (-rate * 4.0).exp();
+    let misfit = |z: f64, y: f64| -0.5 * ((z - y) / 0.5).powi(2) - (0.5 * (2.0 * std::f64::consts::PI).sqrt()).ln();
+    let right = misfit(0.7, 1.0) + misfit(0.1, y);
+    let found = fitted.split("log-likelihood ").nth(1).and_then(|rest| rest.split_whitespace().next());
+    let found: f64 = found.unwrap().trim_end_matches([',', ';']).parse().unwrap();
+    assert!((found - right).abs() < 1e-5, "{found} for {right}");
+}
+
+/// Start and end of a reaction whose middle becomes fast: steps chosen at the start values are too coarse for what is reached.
+#[test]
+fn steps_are_chosen_again_until_the_estimates_are_those_of_the_model() {
+    let text = "model conv { known x0 per run; state X = x0, Y = 0;
+      param k1 = 1e-5 in [0, 1], k2 = 1e-5 in [0, 100], k3 = 1e-3 in [0, 10];
+      der(X) = -k1*X^2 + k2*X*Y; der(Y) = k1*X^2 - k2*X*Y - k3*Y; output x = X; }";
+    let desk = Desk::with([("conv.fdm", text)]);
+    desk.write("runs.csv", "file,x0\na.csv,68.1\nb.csv,71.9\nc.csv,36.2\nd.csv,39.3\n");
+    for (name, x0, end) in [("a", 68.1, 45.1), ("b", 71.9, 46.6), ("c", 36.2, 24.3), ("d", 39.3, 29.2)] {
+        desk.write(&format!("{name}.csv"), format!("t,x\n0,{x0}\n720,{end}\n"));
+    }
+    let chosen = desk.fdm("fit conv.fdm --runs runs.csv --json");
+    assert!(!said(&chosen).contains("leave both to be chosen"), "{}", said(&chosen));
+    let implicit = desk.fdm("fit conv.fdm --runs runs.csv --integrator radau --json");
+    let cost = |run: &std::process::Output| {
+        let document: serde_json::Value = serde_json::from_str(&printed(run)).unwrap();
+        document["cost"].as_f64().unwrap()
+    };
+    assert!((cost(&chosen) - cost(&implicit)).abs() < 1e-2, "{} {}", cost(&chosen), cost(&implicit));
+}

@@ -145,6 +145,50 @@ fn states_at_their_limits_have_the_sensitivities_of_the_limits() {
     check(&soft, &run(&soft, 60, 0.15), Steps::equal(Scheme::Radau, 1));
 }
 
+/// An integrator that inputs and time drive from stop to stop, several instants to a step: coarse steps have the derivative of their own
+/// response, and even these are exact where rates are polynomials between the cuts.
+#[test]
+fn steps_are_cut_where_limits_are_met_and_left() {
+    let text = "model cut { input u; param top = 0.3, low = 0.25, k = 1.1, c = 0.4, x0 = 0.05; state x = x0, z;
+        der(x) = k*u + c*cos(2*t) - 0.3*z; limit x in [-low, top]; der(z) = x - c*z; output y = x; output w = z; }";
+    let cut = model(text);
+    for (samples, interval, steps) in [(40, 0.25, 1), (40, 0.25, 3), (25, 0.4, 1)] {
+        check(&cut, &run(&cut, samples, interval), steps);
+    }
+}
+
+/// The integral of an input that is linear between samples, stopped at both sides: in closed form from sample to sample.
+#[test]
+fn an_integral_that_leaves_its_stop_inside_an_interval_is_exact() {
+    let held = model("model small { input u; state d; der(d) = u; limit d in [-0.23, 0.31]; output y = d; }");
+    let time: Vec<f64> = (0..60).map(|k| 0.3 * f64::from(k)).collect();
+    let u: Vec<f64> = time.iter().map(|t| 1.1 * (1.3 * t).sin() + 0.7 * (2.9 * t + 0.4).cos()).collect();
+    // the turns of the integral inside an interval are the roots of u: between them it moves in one direction, and is clipped
+    let (mut d, mut exact) = (0.0_f64, vec![0.0]);
+    for (t, u) in time.windows(2).zip(u.windows(2)) {
+        let (h, slope) = (t[1] - t[0], (u[1] - u[0]) / (t[1] - t[0]));
+        let turn = Some(-u[0] / slope).filter(|turn| *turn > 0.0 && *turn < h);
+        let moved = |from: f64, to: f64| u[0] * (to - from) + 0.5 * slope * (to * to - from * from);
+        let middle = turn.unwrap_or(h);
+        d = (d + moved(0.0, middle)).clamp(-0.23, 0.31);
+        d = (d + moved(middle, h)).clamp(-0.23, 0.31);
+        exact.push(d);
+    }
+    let run = Run {
+        name: "u".into(),
+        inputs: u,
+        measured: vec![f64::NAN; time.len()],
+        held: vec![false],
+        input_gaps: vec![0],
+        output_gaps: vec![0],
+        time,
+    };
+    let mut y = vec![0.0; exact.len()];
+    Simulator::new(held.dynamics(), &run, 1).unwrap().simulate(&[], &mut y).unwrap();
+    let worst = y.iter().zip(&exact).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    assert!(worst < 1e-13, "{worst}");
+}
+
 #[test]
 fn models_without_states() {
     let curve = model(

@@ -121,7 +121,7 @@ pub fn differentiate_within(model: &mut Model, most: usize) -> Result<Derivative
     let free: Vec<bool> = model.params.iter().map(|p| !p.fixed).collect();
     let sweep = Sweep::new(&model.graph, &roots);
     let wanted = |leaf| match leaf {
-        Leaf::Time => !events.is_empty(),
+        Leaf::Time => !events.is_empty() || !limits.is_empty(),
         Leaf::Param(k) => free[k as usize],
         _ => true,
     };

@@ -117,7 +117,8 @@ impl Schedule {
             events_and_partials: body(&events),
             rates_by_time: {
                 let rows = d.rates_by_time.pattern.entries().map(|(_, i, _)| i as u32).collect();
-                placed(by_time, rows, if events.is_empty() { 0 } else { layout.states })
+                let cut = !events.is_empty() || !layout.limited.is_empty();
+                placed(by_time, rows, if cut { layout.states } else { 0 })
             },
             layout,
         }

@@ -22,6 +22,8 @@ pub struct IntegrationFault {
     pub shift: Option<f64>,
     /// The state that is farthest off there; none where that is not known.
     pub state: Option<String>,
+    /// Whether method and steps were left to be chosen, so that nothing is gained by leaving them.
+    pub chosen: bool,
 }
 
 /// Standard errors by which an estimate may be moved before it is that of the steps.
@@ -48,6 +50,7 @@ impl IntegrationFault {
                 beside_residual: deviation.map(|deviation| worst.error / deviation),
                 shift: deviation.map(|deviation| worst.norm / deviation),
                 state: worst.state.map(|j| definition.states[j].quantity.name.clone()),
+                chosen: false,
             }
         };
         worst.iter().map(of).collect()
@@ -61,7 +64,7 @@ impl IntegrationFault {
 
 impl fmt::Display for IntegrationFault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { run, output, time, part, beside_residual, shift, state } = self;
+        let Self { run, output, time, part, beside_residual, shift, state, .. } = self;
         if part.is_infinite() {
             write!(f, "run `{run}`: with half of the integration steps the response is not finite at time {time}")?;
         } else {

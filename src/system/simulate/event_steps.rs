@@ -1,4 +1,4 @@
-//! Sensitivities across events: the exact derivative of the discrete response.
+//! Sensitivities across events, and where states meet or leave their limits: the exact derivative of the discrete response.
 //!
 //! Let a part of a step lead from x to `Phi(x, sigma)`, where the guard g is zero, and let r be the values behind the event. Then
 //! `sigma_theta = -(g_x S + g_theta)/(g_x Phi_sigma + g_t)` with S before the event at fixed sigma, and behind it
@@ -9,6 +9,7 @@
 use super::blocks::Sink;
 use super::error::Divergence;
 use super::events::{EventEntries, Follower, Jump, Part, Stretch, by_time, guard_rate};
+use super::limits::Turn;
 use super::runge_kutta::Sensitivity;
 use super::stops::take_back;
 use super::tangent::TangentPlan;
@@ -50,15 +51,16 @@ fn advance(
     k: usize,
 ) -> Result<(), Divergence> {
     let Sensitivity { plan, s, scratch, lanes, .. } = sensitivity;
-    let Trajectory { dynamics, grid, drive, known, nodes, work, stops, .. } = trajectory;
+    let Trajectory { dynamics, grid, drive, known, nodes, work, .. } = &mut *trajectory;
     let (t, h) = grid.step(k);
     let (x, next) = two_nodes(nodes, k);
     let step = Step { t, h, x, drive: drive.stages(k), known };
     dynamics.step_with_partials(step, next, &mut memory.stages, work);
-    stops.hold(k, *dynamics, known, next);
-    finite(grid, k, next)?;
     memory.whole = true;
     let mut parts = Parts { plan, s, scratch, lanes: *lanes, memory };
+    trajectory.cut(k, &mut parts);
+    trajectory.hold(k);
+    finite(&trajectory.grid, k, two_nodes(&mut trajectory.nodes, k).1)?;
     trajectory.across(k, &mut parts)?;
     if memory.whole {
         plan.advance(h, &memory.stages, s, scratch);
@@ -82,6 +84,8 @@ struct Memory {
     x: Vec<f64>,
     by_time: Vec<f64>,
     by_input: Vec<f64>,
+    /// Partials at an instant.
+    partials: Aligned,
     /// Drive at a stage, rows behind an event (n by lanes), states that are held at the end of a part with their limits.
     rows: Aligned,
     held: Vec<(usize, usize)>,
@@ -94,6 +98,7 @@ impl Memory {
             whole: true,
             stages: Aligned::new(4 * layout.stage.width),
             instant: Aligned::new(lanes),
+            partials: Aligned::new(layout.stage.width),
             by_length: vec![0.0; n],
             tangents: std::array::from_fn(|_| vec![0.0; n]),
             x: vec![0.0; n],
@@ -147,9 +152,48 @@ impl Memory {
         }
         self.held.iter().for_each(|(state, _)| sum[*state] = 0.0);
     }
+
+    /// By how much the rate of a state grows in time behind a part, and in `instant` (lanes) by the parameters at that time.
+    fn rate_grows(
+        &mut self,
+        stretch: &Stretch<'_>,
+        (state, at): (usize, Point<'_>),
+        s: &[f64],
+        work: &mut Workspace,
+    ) -> f64 {
+        let (layout, dynamics) = (stretch.dynamics.layout(), stretch.dynamics);
+        let (stage, lanes) = (&layout.stage, layout.stage.lanes);
+        dynamics.rates_and_partials(at, &mut self.partials, work);
+        self.by_time.fill(0.0);
+        dynamics.rates_by_time(at, &mut self.by_time, work);
+        dynamics.by_input(at, &mut self.by_input, work);
+        let mut grows = self.by_time[state];
+        for (k, j) in layout.patterns.rates_by_input.row(state) {
+            grows += self.by_input[k] * stretch.slope(j);
+        }
+        self.instant.copy_from_slice(&self.partials[stage.forcing + state * lanes..][..lanes]);
+        for (k, j) in layout.patterns.rates_by_state.row(state) {
+            let partial = self.partials[stage.by_state[k] as usize];
+            grows += partial * self.by_length[j];
+            accumulate(partial, &s[j * lanes..][..lanes], &mut self.instant);
+        }
+        grows
+    }
 }
 
-/// The sensitivities of a step with events.
+/// Gives a state, by index and row of its limit, the sensitivity of that limit.
+fn hold(stretch: &Stretch<'_>, (state, row): (usize, usize), s: &mut [f64], lanes: usize) {
+    let layout = stretch.dynamics.layout();
+    let sensitivity = &mut s[state * lanes..][..lanes];
+    sensitivity.fill(0.0);
+    for (k, j) in layout.patterns.limits_by_param.row(row) {
+        if let Some(lane) = layout.stage.lane[j] {
+            sensitivity[lane as usize] = stretch.known[layout.limits_by_param.start + k];
+        }
+    }
+}
+
+/// The sensitivities of a step that events or limits cut.
 struct Parts<'a> {
     plan: &'a TangentPlan,
     /// n by lanes.
@@ -169,15 +213,7 @@ impl Follower for Parts<'_> {
         plan.advance(step.h, &memory.stages, s, scratch);
         memory.held.clear();
         take_back(layout, stretch.known, next, |state, row| memory.held.push((state, row)));
-        for (state, row) in &memory.held {
-            let sensitivity = &mut s[state * lanes..][..lanes];
-            sensitivity.fill(0.0);
-            for (k, j) in layout.patterns.limits_by_param.row(*row) {
-                if let Some(lane) = layout.stage.lane[j] {
-                    sensitivity[lane as usize] = stretch.known[layout.limits_by_param.start + k];
-                }
-            }
-        }
+        memory.held.iter().for_each(|held| hold(stretch, *held, s, lanes));
         if part.behind {
             // it begins later, and is as much shorter
             memory.moved(stretch, &part, (1.0, -1.0), work);
@@ -189,6 +225,31 @@ impl Follower for Parts<'_> {
             memory.moved(stretch, &part, (0.0, 1.0), work);
             memory.by_length.copy_from_slice(&memory.tangents[2]);
         }
+    }
+
+    fn turn(&mut self, stretch: &Stretch<'_>, turn: Turn, at: Point<'_>, work: &mut Workspace) {
+        let Self { s, lanes, memory, .. } = self;
+        let (layout, lanes) = (stretch.dynamics.layout(), *lanes);
+        let Turn { state, row, leaves } = turn;
+        let guard_grows = match leaves {
+            true => memory.rate_grows(stretch, (state, at), s, work),
+            false => {
+                memory.instant.copy_from_slice(&s[state * lanes..][..lanes]);
+                for (k, j) in layout.patterns.limits_by_param.row(row) {
+                    if let Some(lane) = layout.stage.lane[j] {
+                        memory.instant[lane as usize] -= stretch.known[layout.limits_by_param.start + k];
+                    }
+                }
+                memory.by_length[state]
+            }
+        };
+        // a limit that is only touched has no instant: nothing moves then
+        let scale = if guard_grows == 0.0 { 0.0 } else { -1.0 / guard_grows };
+        memory.instant.iter_mut().for_each(|lane| *lane *= scale);
+        for (by_length, row) in memory.by_length.iter().zip(s.chunks_exact_mut(lanes.max(1))) {
+            accumulate(*by_length, &memory.instant, row);
+        }
+        hold(stretch, (state, row), s, lanes);
     }
 
     fn event(&mut self, stretch: &Stretch<'_>, jump: Jump<'_>) -> bool {

@@ -9,6 +9,7 @@
 //! An event is armed while its guard is not above zero, and happens only when it is.
 
 use super::error::{EventFault, MOST_EVENTS};
+use super::limits::Turn;
 use super::stops::take_back;
 use crate::dynamics::{Dynamics, Layout, Point, Step, Workspace};
 
@@ -35,11 +36,19 @@ impl Stretch<'_> {
     }
 
     /// Drive at a time from the beginning of the step: within a step inputs are linear, or held.
-    fn drive_at(&self, from_begin: f64, row: &mut [f64]) {
+    pub(super) fn drive_at(&self, from_begin: f64, row: &mut [f64]) {
         let (width, part) = (row.len(), from_begin / self.h);
         for (k, value) in row.iter_mut().enumerate() {
             let (a, b) = (self.drive[k], self.drive[2 * width + k]);
             *value = if part >= 1.0 { b } else { a + part * (b - a) };
+        }
+    }
+
+    /// Drive at the beginning, in the middle and at the end (3 rows) of a part, given by its ends.
+    pub(super) fn feed(&self, (begin, end): (f64, f64), drive: &mut [f64]) {
+        let width = self.layout().drive();
+        for (row, at) in drive.chunks_exact_mut(width.max(1)).zip([begin, begin + 0.5 * (end - begin), end]) {
+            self.drive_at(at, row);
         }
     }
 
@@ -90,6 +99,9 @@ pub(super) trait Follower {
     /// Takes a part: its end goes to `next`.
     fn part(&mut self, stretch: &Stretch<'_>, part: Part<'_>, next: &mut [f64], work: &mut Workspace);
 
+    /// A state that meets or leaves its limit at the end of the part before, behind which everything stands at this point.
+    fn turn(&mut self, stretch: &Stretch<'_>, turn: Turn, at: Point<'_>, work: &mut Workspace);
+
     /// An event at the end of the part before; false where its instant has no derivative.
     fn event(&mut self, stretch: &Stretch<'_>, jump: Jump<'_>) -> bool;
 }
@@ -102,6 +114,8 @@ impl Follower for StatesAlone {
         stretch.dynamics.step(part.step(stretch), next, work);
         take_back(stretch.layout(), stretch.known, next, |_, _| {});
     }
+
+    fn turn(&mut self, _: &Stretch<'_>, _: Turn, _: Point<'_>, _: &mut Workspace) {}
 
     fn event(&mut self, _: &Stretch<'_>, _: Jump<'_>) -> bool {
         true
@@ -236,7 +250,7 @@ impl Events {
         work: &mut Workspace,
         follower: &mut dyn Follower,
     ) {
-        self.trial.feed(stretch, (begin, end));
+        stretch.feed((begin, end), &mut self.trial.drive);
         let part = Part { begin, end, x: &self.start, drive: &self.trial.drive, behind, before };
         follower.part(stretch, part, &mut self.at, work);
     }
@@ -413,43 +427,64 @@ impl Events {
                 (high, over) = (middle, value);
             }
         }
-        // false position (Illinois), with a halving in every third trial
-        let (mut side, mut weight) = (0, [under, over]);
-        for trial in 0..MOST_TRIALS {
-            if high - low <= finest {
-                break;
-            }
-            let secant = high - weight[1] * (high - low) / (weight[1] - weight[0]);
-            let inside = secant > low && secant < high && trial % 3 != 2;
-            // not nearer to an end than can be told apart; both ends then come near
-            let middle = match inside {
-                true => secant.max(low + finest).min(high - 0.5 * finest),
-                false => low + 0.5 * (high - low),
-            };
-            if middle <= low || middle >= high {
-                break;
-            }
-            let value = guard(middle);
-            if value > 0.0 {
-                (high, over, weight[1]) = (middle, value, value);
-                if side == 1 {
-                    weight[0] *= 0.5;
-                }
-                side = 1;
-            } else {
-                (low, under, weight[0]) = (middle, value, value);
-                if side == -1 {
-                    weight[1] *= 0.5;
-                }
-                side = -1;
-                if value == 0.0 {
-                    break;
-                }
-            }
-        }
+        let Bracket { low, high, under, over } = root(guard, [low, high], [under, over], finest);
         let at = if under.abs() <= over.abs() { low } else { high };
         Some(Instant { event, at, left: under.abs() + over.abs(), repeats: false })
     }
+}
+
+/// Where a guard passes zero.
+pub(super) struct Bracket {
+    /// On both sides of the root.
+    pub(super) low: f64,
+    pub(super) high: f64,
+    /// The guard there, not above zero and above it.
+    pub(super) under: f64,
+    pub(super) over: f64,
+}
+
+/// The root of a guard within a bracket, as near as `finest`.
+pub(super) fn root(
+    mut guard: impl FnMut(f64) -> f64,
+    [mut low, mut high]: [f64; 2],
+    [mut under, mut over]: [f64; 2],
+    finest: f64,
+) -> Bracket {
+    // false position (Illinois), with a halving in every third trial
+    let (mut side, mut weight) = (0, [under, over]);
+    for trial in 0..MOST_TRIALS {
+        if high - low <= finest {
+            break;
+        }
+        let secant = high - weight[1] * (high - low) / (weight[1] - weight[0]);
+        let inside = secant > low && secant < high && trial % 3 != 2;
+        // not nearer to an end than can be told apart; both ends then come near
+        let middle = match inside {
+            true => secant.max(low + finest).min(high - 0.5 * finest),
+            false => low + 0.5 * (high - low),
+        };
+        if middle <= low || middle >= high {
+            break;
+        }
+        let value = guard(middle);
+        if value > 0.0 {
+            (high, over, weight[1]) = (middle, value, value);
+            if side == 1 {
+                weight[0] *= 0.5;
+            }
+            side = 1;
+        } else {
+            (low, under, weight[0]) = (middle, value, value);
+            if side == -1 {
+                weight[1] *= 0.5;
+            }
+            side = -1;
+            if value == 0.0 {
+                break;
+            }
+        }
+    }
+    Bracket { low, high, under, over }
 }
 
 /// A number above zero; what is not a number is not.
@@ -466,17 +501,9 @@ enum Looked<'a> {
 }
 
 impl Trial {
-    /// The drive of a part.
-    fn feed(&mut self, stretch: &Stretch<'_>, (begin, end): (f64, f64)) {
-        let width = stretch.layout().drive();
-        for (row, at) in self.drive.chunks_exact_mut(width.max(1)).zip([begin, begin + 0.5 * (end - begin), end]) {
-            stretch.drive_at(at, row);
-        }
-    }
-
     /// The end of a part from x.
     fn take(&mut self, stretch: &Stretch<'_>, (begin, end): (f64, f64), x: &[f64], work: &mut Workspace) {
-        self.feed(stretch, (begin, end));
+        stretch.feed((begin, end), &mut self.drive);
         let part = Part { begin, end, x, drive: &self.drive, behind: false, before: false };
         StatesAlone.part(stretch, part, &mut self.x, work);
     }

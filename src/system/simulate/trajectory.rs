@@ -6,6 +6,7 @@ use super::delayed::History;
 use super::drive::DriveTable;
 use super::error::Divergence;
 use super::events::{Events, Follower, StatesAlone, Stretch};
+use super::limits::Limits;
 use super::steps::Grid;
 use super::stops::Stops;
 use crate::dynamics::{Dynamics, Point, Step, Workspace};
@@ -44,6 +45,8 @@ pub(super) struct Trajectory<'a> {
     pub(super) nodes: [Vec<f64>; 3],
     /// Limited states at the ends of the last steps.
     pub(super) stops: Stops,
+    /// Of a model whose steps are cut at limits.
+    pub(super) limits: Option<Box<Limits>>,
     /// Of a model that has events.
     pub(super) events: Option<Box<Events>>,
 }
@@ -62,6 +65,7 @@ impl<'a> Trajectory<'a> {
             history: History::new(layout),
             nodes: std::array::from_fn(|_| vec![0.0; layout.states]),
             stops: Stops::new(layout),
+            limits: Limits::new(layout),
             events: Events::new(layout),
         }
     }
@@ -103,12 +107,33 @@ impl<'a> Trajectory<'a> {
         let (x, next) = two_nodes(&mut self.nodes, k);
         let step = Step { t, h, x, drive: self.drive.stages(k), known: &self.known };
         self.dynamics.step(step, next, &mut self.work);
+        if self.limits.is_some() {
+            self.cut(k, &mut StatesAlone);
+        }
+        let next = two_nodes(&mut self.nodes, k).1;
         self.stops.hold(k, self.dynamics, &self.known, next);
         finite(&self.grid, k, next)?;
         if self.events.is_some() {
             return self.across(k, &mut StatesAlone);
         }
         Ok(())
+    }
+
+    /// Cuts step k, whose end as if there were no limits stands at node k + 1, where states meet or leave their limits.
+    pub(super) fn cut(&mut self, k: usize, follower: &mut dyn Follower) {
+        let Self { dynamics, grid, drive, known, nodes, work, limits: Some(limits), .. } = self else { return };
+        let (t, h) = grid.step(k);
+        let (x, next) = two_nodes(nodes, k);
+        // what has diverged is told by who took the step
+        if next.iter().all(|x| x.is_finite()) {
+            limits.across(
+                &Stretch { dynamics: *dynamics, t, h, drive: drive.stages(k), known },
+                x,
+                next,
+                work,
+                follower,
+            );
+        }
     }
 
     /// The events of step k, whose end without them stands at node k + 1.
