@@ -23,6 +23,7 @@ mod hidden_states;
 mod identify;
 mod information;
 mod initial;
+mod interpolation;
 mod iteration;
 mod method;
 mod noise;
@@ -61,6 +62,7 @@ pub use frequency_responses::{
 pub use identify::{Identified, IdentifyError, identify};
 pub use information::{Information, Silence};
 pub use initial::initial_guess;
+pub use interpolation::{EstimateMove, InputInterpolation};
 pub use iteration::normal_equations::{NormalEquations, NotFinite};
 pub use method::{Domain, Method, Optimizer, SmoothBy};
 pub use noise::Noise;

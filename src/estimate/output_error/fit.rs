@@ -2,6 +2,7 @@
 
 use crate::estimate::{Estimate, ParameterEstimate, Status};
 use crate::few_samples::FewSamples;
+use crate::interpolation::InputInterpolation;
 use crate::observer::StartSummary;
 use crate::output_error::defect::FitDefect;
 use crate::output_error::integration_fault::IntegrationFault;
@@ -27,6 +28,8 @@ pub struct Fit {
     pub integration_faults: Vec<IntegrationFault>,
     /// Parameters that few samples moved far from their starts; empty when that was not looked at.
     pub few_samples: Vec<FewSamples>,
+    /// What the record says of inputs about which nobody said how they go between samples; empty when that was not looked at.
+    pub interpolations: Vec<InputInterpolation>,
     /// What the residuals say: every output of every run, runs outermost; empty when nothing could be simulated, or when that
     /// was not asked for.
     pub quality: Vec<OutputQuality>,
@@ -57,6 +60,7 @@ impl Fit {
             integration,
             integration_faults: Vec::new(),
             few_samples: Vec::new(),
+            interpolations: Vec::new(),
             quality: Vec::new(),
             rescue: None,
             by_length: Vec::new(),

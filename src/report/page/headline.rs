@@ -160,6 +160,8 @@ fn place(about: About) -> &'static str {
         About::Iteration => "convergence",
         About::Offset
         | About::Input
+        | About::Interpolation
+        | About::InterpolationUnknown
         | About::Colour
         | About::Noise
         | About::NoNoise

@@ -12,9 +12,9 @@ use super::study::Study;
 use fdm_discover::LackOfFit;
 use fdm_estimate::residuals::OutputQuality;
 use fdm_estimate::{
-    BiasCorrection, Continuity, Direction, Estimate, FilterFit, Fit, Iteration, LengthFit, LengthSensitivity, Loss,
-    NoiseColour, ParameterEstimate, Recovery, ResponseFit, Reweighting, Smoothing, SpectralFit, StartSummary,
-    Symmetric, TableEstimate, Termination, by_confidence,
+    BiasCorrection, Continuity, Direction, Estimate, FilterFit, Fit, InputInterpolation, Iteration, LengthFit,
+    LengthSensitivity, Loss, NoiseColour, ParameterEstimate, Recovery, ResponseFit, Reweighting, Smoothing,
+    SpectralFit, StartSummary, Symmetric, TableEstimate, Termination, by_confidence,
 };
 use fdm_system::Model;
 use fdm_system::simulate::Steps;
@@ -88,6 +88,9 @@ pub struct FitDocument {
     /// The same in words.
     #[serde(default, deserialize_with = "present", skip_serializing_if = "Option::is_none")]
     pub rescue_message: Option<Option<String>>,
+    /// What the record says of inputs about which nobody said how they go between samples.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub interpolations: Vec<InputInterpolation>,
     /// States whose records took their place in a first fit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub substituted: Option<Vec<String>>,
@@ -316,6 +319,7 @@ impl FitDocument {
             integration: Some(integration.collect()),
             rescue: Some(fit.rescue.clone()),
             rescue_message: Some(fit.rescue.as_ref().map(ToString::to_string)),
+            interpolations: fit.interpolations.clone(),
             substituted: Some(fit.substituted.clone()),
             shooting: Some(fit.shooting.clone()),
             by_length: Some(fit.by_length.clone()),
@@ -398,6 +402,7 @@ impl FitDocument {
             integration: None,
             rescue: None,
             rescue_message: None,
+            interpolations: Vec::new(),
             substituted: None,
             shooting: None,
             by_length: None,

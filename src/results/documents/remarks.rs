@@ -3,7 +3,9 @@
 use super::BridgeDocument;
 use super::digits::digits;
 use fdm_estimate::residuals::{Cause, InputCorrelation, NoiseVariation, OutputFit, OutputQuality, Trend};
-use fdm_estimate::{Estimate, Fit, LONG_RUN, NoiseColour, ParameterEstimate, SpectralFit, Status, Uncorrected};
+use fdm_estimate::{
+    Estimate, Fit, InputInterpolation, LONG_RUN, NoiseColour, ParameterEstimate, SpectralFit, Status, Uncorrected,
+};
 use fdm_numeric::statistics::Student;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -12,6 +14,8 @@ use std::fmt;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum About {
+    /// Inputs that were held between samples and are taken for straight lines, or the other way round.
+    Interpolation,
     /// Parameters that nothing determines.
     Undetermined,
     /// Parameters that priors determine, not data.
@@ -22,6 +26,8 @@ pub enum About {
     Correlated,
     /// Parameters at their bounds.
     Bound,
+    /// Inputs of which the record does not say whether they were held between samples, where that matters.
+    InterpolationUnknown,
     /// Parameters that few samples moved far from their starts.
     Few,
     /// Intervals that may hold less often than in 95 of 100 cases.
@@ -52,16 +58,17 @@ impl About {
     /// In which order remarks are told: what speaks most against a result first.
     pub fn rank(self) -> usize {
         match self {
-            Self::Undetermined => 0,
-            Self::Bound | Self::Few => 1,
-            Self::Offset => 2,
-            Self::Input => 3,
-            Self::Colour | Self::Noise => 4,
-            Self::Drawn | Self::Intervals => 5,
-            Self::Correlated => 6,
-            Self::Prior | Self::Table => 7,
-            Self::Iteration => 8,
-            Self::NoNoise | Self::Untested | Self::NotMeasured | Self::Bridged => 9,
+            Self::Interpolation => 0,
+            Self::Undetermined => 1,
+            Self::Bound | Self::Few => 2,
+            Self::Offset => 3,
+            Self::Input | Self::InterpolationUnknown => 4,
+            Self::Colour | Self::Noise => 5,
+            Self::Drawn | Self::Intervals => 6,
+            Self::Correlated => 7,
+            Self::Prior | Self::Table => 8,
+            Self::Iteration => 9,
+            Self::NoNoise | Self::Untested | Self::NotMeasured | Self::Bridged => 10,
         }
     }
 
@@ -76,7 +83,9 @@ impl About {
             Self::Iteration => "better start values or bounds make it safer (`--starts 8` looks for others)",
             Self::NoNoise => "say what the noise is (`--noise OUTPUT=DEVIATION`)",
             Self::NotMeasured => "look at its column, its map and its mask",
-            Self::Table
+            Self::Interpolation
+            | Self::InterpolationUnknown
+            | Self::Table
             | Self::Bound
             | Self::Few
             | Self::Intervals
@@ -234,6 +243,7 @@ pub fn spectral_remarks(fit: &SpectralFit) -> Vec<Remark> {
 /// Both, of a fit in the time domain.
 pub fn fit_remarks(fit: &Fit) -> Vec<Remark> {
     let mut remarks = estimate_remarks(&fit.estimate);
+    remarks.extend(fit.interpolations.iter().filter_map(interpolation));
     if !fit.loss.is_squares() {
         let said =
             format!("estimated by {} in place of squares: the noise covariance is that of pseudo-values", fit.loss);
@@ -254,6 +264,37 @@ pub fn fit_remarks(fit: &Fit) -> Vec<Remark> {
         remarks.extend(residual_remarks(&fit.quality, &fit.model.definition().time.to_string()));
     }
     remarks
+}
+
+/// What the record says of an input about which nobody said how it goes between samples, where the fit has it the other way or it matters.
+fn interpolation(found: &InputInterpolation) -> Option<Remark> {
+    let input = &found.input;
+    let (was, other) = match found.held {
+        true => ("held between samples", "in straight lines"),
+        false => ("in straight lines", "held between samples"),
+    };
+    let moved = found.moves.as_ref().map_or(String::new(), |m| {
+        let (name, value) = (named(&m.parameter, m.run.as_deref()), digits(m.value, 4));
+        format!("; {name} becomes {value}, {} standard errors away", digits(m.standard_errors.abs(), 2))
+    });
+    if found.is_otherwise() {
+        let word =
+            if found.held { format!("`--linear {input}`") } else { format!("`--zoh {input}`, `input {input} held;`") };
+        let more = found.asked.map_or(String::new(), |times| {
+            format!("; the residuals ask for {} times as much: look for a delay or lag too", digits(times, 2))
+        });
+        let nats = digits(found.evidence, 3);
+        let said = format!(
+            "the record says that `{input}` went {other}, not {was}: log-likelihood higher by {nats}{moved}; say so: {word}{more}"
+        );
+        return Some(Remark::new(About::Interpolation, said));
+    }
+    found.is_undecided().then(|| {
+        let said = format!(
+            "the record does not say whether `{input}` went {was} or {other}{moved}; say which: `--zoh {input}` or `--linear {input}`"
+        );
+        Remark::new(About::InterpolationUnknown, said)
+    })
 }
 
 /// What a careful reader of the residuals would ask about; `time` is the unit of time.
