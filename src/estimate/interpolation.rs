@@ -184,7 +184,8 @@ fn judged(input: &str, held: bool, fit: &Fit, other: &Estimate, runs: &[Run]) ->
             let (from, to) = (column(&now.runs[r].residuals), column(&other.runs[r].residuals));
             let difference: Vec<f64> =
                 from.iter().zip(&to).map(|(a, b)| if (a - b).is_nan() { 0.0 } else { a - b }).collect();
-            let grid = EvenGrid::of(&run.time).unwrap_or_else(|_| EvenGrid::counted(run.len()));
+            let grid = EvenGrid::of_compared(&run.time, |k| run.is_compared(k))
+                .unwrap_or_else(|_| EvenGrid::counted(run.len()));
             let colour = of_series(&grid.spread(column(&better.runs[r].residuals).into_iter()));
             let mut filtered: Vec<f64> = grid.spread(difference.iter().copied());
             filtered.iter_mut().filter(|v| v.is_nan()).for_each(|v| *v = 0.0);

@@ -265,10 +265,28 @@ fn base(log: &Log, map: &RecordMap, sampled: &[Sampled<'_>], notes: &mut Vec<Str
             found.time.iter().flatten().map(|t| t + found.map.delay).collect()
         }
     };
-    times.retain(|t| (from..=to).contains(t));
-    times.sort_by(f64::total_cmp);
-    times.dedup();
+    let edges = sampled.iter().filter(|s| s.map.holds()).flat_map(edges);
+    let sort = |times: &mut Vec<f64>| {
+        times.retain(|t| (from..=to).contains(t));
+        times.sort_by(f64::total_cmp);
+        times.dedup();
+    };
+    sort(&mut times);
+    let sensed = times.len();
+    times.extend(edges);
+    sort(&mut times);
+    if times.len() > sensed {
+        let between = times.len() - sensed;
+        notes.push(format!("commands change at {between} more instant(s), where nothing is compared"));
+    }
     Ok(times)
+}
+
+/// The instants at which a command changes: what holds is a function of time with edges of its own, wherever the sensors were sampled.
+fn edges<'s>(s: &'s Sampled<'_>) -> impl Iterator<Item = f64> + 's {
+    let time = s.time.as_deref().unwrap_or_default();
+    let pairs = s.values.windows(2).zip(time.iter().skip(1));
+    pairs.filter(|(values, _)| !values[1].is_nan() && values[0] != values[1]).map(|(_, t)| *t)
 }
 
 /// Brings all channels to common times.

@@ -63,6 +63,30 @@ impl EvenGrid {
         Ok(Self { interval, place })
     }
 
+    /// The same for samples of which some are not compared (N), such as the edges of an input that was held on another clock: where they do
+    /// not fit the grid of the others, each has the place of the next one that is compared, behind which it is of no account.
+    ///
+    /// # Errors
+    /// As [`Self::of`].
+    pub fn of_compared(time: &[f64], compared: impl Fn(usize) -> bool) -> Result<Self, NotEven> {
+        let own = Self::of(time);
+        if own != Err(NotEven::Uneven) {
+            return own;
+        }
+        let kept: Vec<usize> = (0..time.len()).filter(|k| compared(*k)).collect();
+        if kept.len() == time.len() {
+            return own;
+        }
+        let grid = Self::of(&kept.iter().map(|k| time[*k]).collect::<Vec<f64>>())?;
+        let (mut place, mut next) = (Vec::with_capacity(time.len()), 0);
+        for k in 0..time.len() {
+            // behind the last one there is nothing that they could be mistaken for
+            place.push(grid.place.get(next).copied().unwrap_or(grid.length()));
+            next += usize::from(kept.get(next) == Some(&k));
+        }
+        Ok(Self { place, ..grid })
+    }
+
     /// As many places as there are samples, one apart: rows whose order is all that is known.
     pub fn counted(samples: usize) -> Self {
         Self { interval: 1.0, place: (0..samples).collect() }
