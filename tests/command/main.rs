@@ -9,6 +9,7 @@ mod design;
 mod diagnose;
 mod exchange;
 mod first_steps;
+mod held_inputs;
 mod hostile;
 mod imports;
 mod jobs;

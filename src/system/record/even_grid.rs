@@ -143,6 +143,15 @@ mod tests {
     }
 
     #[test]
+    fn edges_between_the_samples_do_not_make_them_uneven() {
+        let time = [0.0, 0.3, 1.0, 2.0, 2.05, 2.4, 3.0, 4.0, 4.1];
+        let compared = [true, false, true, true, false, false, true, true, false];
+        let grid = EvenGrid::of_compared(&time, |k| compared[k]).expect("even where compared");
+        assert_eq!((grid.interval, grid.place), (1.0, vec![0, 1, 1, 2, 3, 3, 3, 4, 5]));
+        assert_eq!(EvenGrid::of_compared(&time, |_| true), Err(NotEven::Uneven));
+    }
+
+    #[test]
     fn hostile_times_cost_no_memory() {
         let far = [0.0, 1e-9, 2e-9, 1e9, 1e9 + 1.0, 1e300];
         assert!(EvenGrid::of(&far).is_err() || EvenGrid::of(&far).is_ok_and(|s| s.length() < 10_000));
