@@ -51,6 +51,7 @@ fn system(name: &'static str, text: &str, samples: usize, dt: f64, input: fn(f64
         time,
         held: vec![false; m],
         input_gaps: vec![0; m],
+        stated: Vec::new(),
         output_gaps: vec![0; q],
     };
     let mut theta = model.definition().start();

@@ -19,6 +19,7 @@ fn cost(text: &str, tau: f64) -> (f64, f64) {
         time,
         held: vec![false],
         input_gaps: vec![0],
+        stated: Vec::new(),
         output_gaps: vec![0; model.layout().outputs],
     };
     let mut theta = model.definition().start();

@@ -31,6 +31,7 @@ impl System {
             held: vec![false; m],
             measured: vec![0.0; n * q],
             input_gaps: vec![0; m],
+            stated: Vec::new(),
             output_gaps: vec![0; q],
         };
         let mut theta = model.definition().start();

@@ -61,6 +61,7 @@ fn system(name: &'static str, text: &str, (samples, dt): (usize, f64), input: fn
         time,
         held: vec![false],
         input_gaps: vec![0],
+        stated: Vec::new(),
         output_gaps: vec![0; q],
     };
     let theta = model.definition().start();

@@ -41,6 +41,7 @@ fn flight(name: &str, begins: &[f64], command: impl Fn(f64, usize) -> f64) -> Ve
         held: vec![false; 4],
         measured: vec![f64::NAN; 13 * n],
         input_gaps: vec![0; 4],
+        stated: Vec::new(),
         output_gaps: vec![0; 13],
     };
     let mut y = vec![0.0; 13 * n];
@@ -54,6 +55,7 @@ fn flight(name: &str, begins: &[f64], command: impl Fn(f64, usize) -> f64) -> Ve
             held: vec![false; 4],
             measured: rows().flat_map(|row| row[..9].to_vec()).collect(),
             input_gaps: vec![0; 4],
+            stated: Vec::new(),
             output_gaps: vec![0; 9],
         }
     };

@@ -45,6 +45,7 @@ fn cost_by_size() {
                 inputs: Vec::new(),
                 held: Vec::new(),
                 input_gaps: Vec::new(),
+                stated: Vec::new(),
                 output_gaps: vec![0; 2],
             };
             let theta = model.definition().start();

@@ -72,6 +72,7 @@ pub(crate) fn run(limit: &[Row]) {
         held: vec![false; 4],
         measured: vec![f64::NAN; SAMPLES * outputs],
         input_gaps: vec![0; 4],
+        stated: Vec::new(),
         output_gaps: vec![0; outputs],
     };
     let theta = model.definition().start();

@@ -71,6 +71,7 @@ impl Chain {
             held: vec![false],
             measured: vec![f64::NAN; SAMPLES * masses],
             input_gaps: vec![0],
+            stated: Vec::new(),
             output_gaps: vec![0; masses],
         };
         let truth = model.definition().start();

@@ -65,6 +65,7 @@ fn record() -> Option<Run> {
         measured,
         held: vec![false],
         input_gaps: vec![0],
+        stated: Vec::new(),
         output_gaps: vec![0],
     })
 }

@@ -60,6 +60,7 @@ pub(crate) fn record() -> Run {
         held: vec![false; 4],
         measured: vec![f64::NAN; 9 * SAMPLES],
         input_gaps: vec![0; 4],
+        stated: Vec::new(),
         output_gaps: vec![0; 9],
     }
 }

@@ -66,6 +66,7 @@ impl Ship {
                 held: vec![false],
                 measured: vec![f64::NAN; 3 * n],
                 input_gaps: vec![0],
+                stated: Vec::new(),
                 output_gaps: vec![0; 3],
             },
         }

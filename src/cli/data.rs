@@ -57,7 +57,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     if !taken.absent.is_empty() {
         said.push(format!("not logged, and not needed: {}", taken.absent.join(", ")));
     }
-    let held: Vec<&str> = taken.columns.iter().filter(|c| c.hold).map(|c| c.name.as_str()).collect();
+    let held: Vec<&str> = taken.columns.iter().filter(|c| c.hold == Some(true)).map(|c| c.name.as_str()).collect();
     if !held.is_empty() {
         said.push(format!("values hold until the next: read them with --zoh {}", held.join(" --zoh ")));
     }

@@ -71,7 +71,8 @@ struct Recursive {
     /// Map of the channels: fields of a log or columns, with unit, sign, scale, hold, delay; a file, or `px4`, `ardupilot`, `fti`
     #[arg(long, value_name = "MAP.toml", value_parser = map_file, requires = "recorded", help_heading = "Data")]
     map_file: Option<RecordMap>,
-    /// Zero-order hold: this input keeps its value until the next sample [default: linear between samples]
+    /// Zero-order hold: this input keeps its value until the next sample [default: as the model or the map says; else where it moves only at
+    /// samples, all at once]
     #[arg(long, value_name = "INPUT", requires = "recorded", help_heading = "Data")]
     zoh: Vec<String>,
     /// Value that the runs bring (`known T0 per run;`), in the model's unit or its own (`--known 'T0=20 degC'`)

@@ -294,9 +294,13 @@ pub(crate) struct Selection {
     /// Use every N-th sample
     #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, requires = "recorded")]
     every: usize,
-    /// Zero-order hold: this input keeps its value until the next sample [default: linear between samples]
+    /// Zero-order hold: this input keeps its value until the next sample [default: as the model or the map says; else where it moves only at
+    /// samples, all at once]
     #[arg(long, alias = "hold", value_name = "INPUT", requires = "recorded")]
     zoh: Vec<String>,
+    /// This input goes in straight lines between samples, whatever its samples look like
+    #[arg(long, value_name = "INPUT", requires = "recorded")]
+    linear: Vec<String>,
     /// Leave an output out: it is not compared, whether it was measured or not; may be given several times
     #[arg(long = "without-output", value_name = "OUTPUT", requires = "recorded")]
     without_output: Vec<String>,
@@ -501,6 +505,7 @@ impl Selection {
             begin: self.begin,
             every: self.every,
             hold: self.zoh.clone(),
+            linear: self.linear.clone(),
             require_outputs,
             without: self.without_output.clone(),
             map_file: self.map_file.clone(),

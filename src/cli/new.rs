@@ -455,6 +455,7 @@ impl Recipe {
             held: vec![false; m],
             measured: vec![f64::NAN; self.samples * q],
             input_gaps: vec![0; m],
+            stated: Vec::new(),
             output_gaps: vec![0; q],
             time,
         };

@@ -215,6 +215,7 @@ fn driven(seed: u64) -> (Model, Run) {
         held: vec![true],
         measured,
         input_gaps: vec![0],
+        stated: Vec::new(),
         output_gaps: vec![0, 0],
     };
     (model, run)
@@ -239,6 +240,7 @@ fn turned_axes_are_repaired_as_they_are_told() {
         held: Vec::new(),
         measured: [record, record].concat(),
         input_gaps: Vec::new(),
+        stated: Vec::new(),
         output_gaps: vec![0; 3],
     };
     let seen = Record::of_run(model.definition(), &run, None);
@@ -376,6 +378,7 @@ fn inputs_that_move_together_and_modes_between_samples_are_remarks() {
         held: vec![false; 2],
         measured: a.iter().map(|v| 3.0 * v / 50.0 + 1e-4 * noise.next()).collect(),
         input_gaps: vec![0; 2],
+        stated: Vec::new(),
         output_gaps: vec![0],
     };
     let records = vec![Record::of_run(model.definition(), &run, None)];
@@ -457,6 +460,7 @@ fn a_model_that_lacks_a_lag_is_no_fault_of_its_record() {
             held: vec![false],
             measured,
             input_gaps: vec![0],
+            stated: Vec::new(),
             output_gaps: vec![0],
         };
         let found = beside(&run, &model);
@@ -660,6 +664,7 @@ fn a_zero_that_kinematics_know_is_told_beside_a_trim_that_the_model_lacks() {
             held: vec![true],
             measured,
             input_gaps: vec![0],
+            stated: Vec::new(),
             output_gaps: vec![0],
         };
         let mut record = Record::of_run(model.definition(), &run, None);

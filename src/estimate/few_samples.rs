@@ -104,7 +104,8 @@ mod tests {
         let mut normal = fdm_numeric::random::Normal(5);
         let measured = inputs.iter().map(|u| 2.0 * u + 40.0 * (u - 1.0).max(0.0) + 0.01 * normal.next()).collect();
         let (name, held, gaps) = ("r".into(), vec![false], vec![0]);
-        let run = Run { name, inputs, held, measured, input_gaps: gaps.clone(), output_gaps: gaps, time };
+        let run =
+            Run { name, inputs, held, measured, input_gaps: gaps.clone(), stated: Vec::new(), output_gaps: gaps, time };
         fit(&model, &[run], &FitOptions::default(), &mut ()).unwrap().few_samples
     }
 

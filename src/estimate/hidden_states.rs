@@ -321,6 +321,7 @@ mod tests {
             held: vec![false],
             measured: vec![0.0; 4 * time.len()],
             input_gaps: vec![0],
+            stated: Vec::new(),
             output_gaps: gaps,
             time,
         };

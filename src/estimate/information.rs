@@ -211,6 +211,7 @@ mod tests {
             held: vec![true; 2],
             measured: vec![0.0; 2 * n],
             input_gaps: vec![0; 2],
+            stated: Vec::new(),
             output_gaps: vec![0; 2],
         }
     }

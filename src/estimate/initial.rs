@@ -187,6 +187,7 @@ mod tests {
             held: vec![false],
             measured: vec![14.0, 5.0, f64::NAN, 0.0, 0.0, 0.5],
             input_gaps: vec![0],
+            stated: Vec::new(),
             output_gaps: vec![0, 0, 1],
         };
         let guess = initial_guess(&params, &shown(), &run);

@@ -25,6 +25,7 @@ mod hidden_states;
 mod identify;
 mod information;
 mod initial;
+mod interpolation;
 mod iteration;
 mod method;
 mod noise;
@@ -65,6 +66,7 @@ pub use frequency_responses::{
 pub use identify::{Identified, IdentifyError, identify};
 pub use information::{Information, Silence};
 pub use initial::initial_guess;
+pub use interpolation::{EstimateMove, InputInterpolation};
 pub use iteration::normal_equations::{NormalEquations, NotFinite};
 pub use method::{Domain, Method, Optimizer, SmoothBy};
 pub use noise::Noise;

@@ -4,6 +4,7 @@
 use crate::changes::Changes;
 use crate::estimate::RunFit;
 use crate::few_samples::few_samples;
+use crate::interpolation::compare;
 use crate::method::{Domain, Method, SmoothBy};
 use crate::noise::Noise;
 use crate::observer::{CheckpointStore, Observer};
@@ -202,6 +203,9 @@ pub fn examined(
         if fit.estimate.termination.is_good() && fit.shooting.as_ref().is_none_or(|s| s.polished) {
             fit.few_samples = few_samples(&fit, runs, &thetas);
             fit.doubted_initials = doubted_initials(&fit, runs, &thetas, options, observer)?;
+            if options.options.colour && fit.loss.is_squares() && fit.noise_of_samples.is_empty() {
+                fit.interpolations = compare(&fit, runs, &thetas, options, observer);
+            }
         }
     }
     let sound = fit.estimate.termination.is_good();

@@ -96,9 +96,9 @@ pub struct ChannelMap {
     /// Added behind sign and factor.
     #[serde(default)]
     pub offset: f64,
-    /// Whether a value holds until the next, as commands do; otherwise it is linear between samples, as of sensors.
+    /// Whether a value holds until the next, as commands do, or is linear between samples, as of sensors; unknown where neither is said.
     #[serde(default)]
-    pub hold: bool,
+    pub hold: Option<bool>,
     /// How much later than the motion the samples are stamped, in seconds.
     #[serde(default)]
     pub delay: f64,
@@ -129,13 +129,18 @@ impl ChannelMap {
             sign: 1.0,
             scale: 1.0,
             offset: 0.0,
-            hold: false,
+            hold: None,
             delay: 0.0,
             free_delay: None,
             wrap: None,
             optional: false,
             missing: None,
         }
+    }
+
+    /// Whether a value is known to hold until the next.
+    pub fn holds(&self) -> bool {
+        self.hold == Some(true)
     }
 
     /// A number of the field as the channel's.
@@ -304,10 +309,9 @@ fn toml_text(map: &RecordMap) -> String {
             line(format!("free_delay = {{ lower = {lower:?}, upper = {upper:?}{own} }}"));
         }
         channel.wrap.iter().for_each(|w| line(format!("wrap = {w:?}")));
-        for (key, value) in [("hold", channel.hold), ("optional", channel.optional)] {
-            if value {
-                line(format!("{key} = true"));
-            }
+        channel.hold.iter().for_each(|hold| line(format!("hold = {hold}")));
+        if channel.optional {
+            line("optional = true".into());
         }
         channel.missing.iter().for_each(|m| line(format!("missing = {m:?}")));
         line(String::new());

@@ -28,8 +28,8 @@ pub struct TakenColumn {
     pub unit: Option<String>,
     /// Its values (N); NaN where it was not sampled.
     pub values: Vec<f64>,
-    /// Whether a value holds until the next.
-    pub hold: bool,
+    /// Whether a value holds until the next, or goes in straight lines; none where the map says neither.
+    pub hold: Option<bool>,
 }
 
 /// Why a map does not fit a log.
@@ -105,7 +105,7 @@ pub fn take(log: &Log, map: &RecordMap, wanted: &dyn Fn(&str) -> Option<bool>) -
         };
         let field = &log.topics[topic].fields[field];
         match own_times(log, map, topic) {
-            Ok(time) => sampled.push(own(name, channel, field, topic, time, drives || channel.hold, &mut notes)),
+            Ok(time) => sampled.push(own(name, channel, field, topic, time, drives || channel.holds(), &mut notes)),
             Err(e) => errors.push(e),
         }
     }
@@ -233,8 +233,9 @@ fn base(log: &Log, map: &RecordMap, sampled: &[Sampled<'_>], notes: &mut Vec<Str
         // a command that is given once holds
         (from, to) = (from.max(first), to.min(last));
     }
-    for s in sampled.iter().filter(|s| s.map.hold) {
-        let others = sampled.iter().filter(|o| !o.map.hold).filter_map(ends).map(|e| e.1).fold(f64::INFINITY, f64::min);
+    for s in sampled.iter().filter(|s| s.map.holds()) {
+        let others =
+            sampled.iter().filter(|o| !o.map.holds()).filter_map(ends).map(|e| e.1).fold(f64::INFINITY, f64::min);
         if ends(s).is_some_and(|(_, last)| last == to) && others.is_finite() {
             to = others;
         }
@@ -264,10 +265,28 @@ fn base(log: &Log, map: &RecordMap, sampled: &[Sampled<'_>], notes: &mut Vec<Str
             found.time.iter().flatten().map(|t| t + found.map.delay).collect()
         }
     };
-    times.retain(|t| (from..=to).contains(t));
-    times.sort_by(f64::total_cmp);
-    times.dedup();
+    let edges = sampled.iter().filter(|s| s.map.holds()).flat_map(edges);
+    let sort = |times: &mut Vec<f64>| {
+        times.retain(|t| (from..=to).contains(t));
+        times.sort_by(f64::total_cmp);
+        times.dedup();
+    };
+    sort(&mut times);
+    let sensed = times.len();
+    times.extend(edges);
+    sort(&mut times);
+    if times.len() > sensed {
+        let between = times.len() - sensed;
+        notes.push(format!("commands change at {between} more instant(s), where nothing is compared"));
+    }
     Ok(times)
+}
+
+/// The instants at which a command changes: what holds is a function of time with edges of its own, wherever the sensors were sampled.
+fn edges<'s>(s: &'s Sampled<'_>) -> impl Iterator<Item = f64> + 's {
+    let time = s.time.as_deref().unwrap_or_default();
+    let pairs = s.values.windows(2).zip(time.iter().skip(1));
+    pairs.filter(|(values, _)| !values[1].is_nan() && values[0] != values[1]).map(|(_, t)| *t)
 }
 
 /// Brings all channels to common times.
@@ -291,7 +310,7 @@ fn on_base(
             let Some(left) = after.checked_sub(1) else { continue };
             let exact = time[left] == *t || after == time.len();
             let apart = if exact { 0.0 } else { time[after] - time[left] };
-            if s.map.hold || exact {
+            if s.map.holds() || exact {
                 values[k] = s.values[left];
             } else if apart <= longest {
                 let part = (t - time[left]) / apart;

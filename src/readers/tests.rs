@@ -248,6 +248,27 @@ fn a_map_takes_topics_of_several_clocks() {
 }
 
 #[test]
+fn commands_keep_their_own_edges() {
+    use crate::{Field, Topic};
+    let topic = |name: &str, field: &str, t: Vec<f64>, values: Vec<f64>| Topic {
+        name: name.into(),
+        time: Some(0),
+        fields: vec![Field::new("t", Some("s".into()), t), Field::new(field, None, values)],
+    };
+    let sensor = topic("a", "y", (0..6).map(f64::from).collect(), vec![1.0; 6]);
+    // one that repeats the value before has no edge
+    let command = topic("b", "u", vec![-0.5, 1.25, 2.0, 2.75, 7.0], vec![0.0, 1.0, 1.0, 3.0, 4.0]);
+    let log = Log { format: "test", topics: vec![sensor, command], ..Log::default() };
+    let text = "[channel.y]\nfrom = \"a.y\"\n[channel.u]\nfrom = \"b.u\"\nhold = true\n";
+    let taken = take(&log, &map(text), &|name| Some(name == "u")).unwrap();
+    assert_eq!(taken.time.unwrap(), [0.0, 1.0, 1.25, 2.0, 2.75, 3.0, 4.0, 5.0]);
+    let column = |name: &str| &taken.columns.iter().find(|c| c.name == name).unwrap().values;
+    assert_eq!(*column("u"), [0.0, 0.0, 1.0, 1.0, 3.0, 3.0, 3.0, 3.0]);
+    let shown: Vec<bool> = column("y").iter().map(|v| !v.is_nan()).collect();
+    assert_eq!(shown, [true, true, false, true, false, true, true, true]);
+}
+
+#[test]
 fn delays_wraps_and_gaps_are_as_the_map_says() {
     use crate::{Field, Topic};
     let t: Vec<f64> = (0..40).map(f64::from).filter(|t| !(10.0..30.0).contains(t)).collect();

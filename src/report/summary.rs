@@ -42,6 +42,7 @@ fn declarations(model: &Model) -> String {
     for i in &definition.inputs {
         let role = match (i.is_declared(), i.slope) {
             (true, _) if i.known => "known",
+            (true, _) if i.held => "input, held",
             (true, _) => "input",
             (_, Some(_)) => "derivative",
             _ => "record",

@@ -21,6 +21,7 @@ pub(crate) fn run(model: &Model, name: &str, step: f64, inputs: Vec<f64>) -> Run
         held: vec![false; m],
         measured: vec![f64::NAN; samples * q],
         input_gaps: vec![0; m],
+        stated: Vec::new(),
         output_gaps: vec![0; q],
     }
 }

@@ -62,6 +62,7 @@ fn record(k: usize) -> String {
         measured: vec![f64::NAN; n],
         time,
         input_gaps: vec![0],
+        stated: Vec::new(),
         output_gaps: vec![0],
     };
     let mut y = vec![0.0; n];

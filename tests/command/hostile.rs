@@ -181,6 +181,7 @@ fn sixty_dependent_squarings() {
         measured: vec![f64::NAN],
         held: vec![false],
         input_gaps: vec![0],
+        stated: Vec::new(),
         output_gaps: vec![0],
     };
     let mut simulator = Simulator::new(model.dynamics(), &run, 1).expect("suited");

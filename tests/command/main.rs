@@ -10,6 +10,7 @@ mod design;
 mod diagnose;
 mod exchange;
 mod first_steps;
+mod held_inputs;
 mod hostile;
 mod imports;
 mod jobs;

@@ -17,6 +17,7 @@ fn run(model: &Model, (samples, dt): (usize, f64), input: impl Fn(f64, usize) ->
         time,
         held: vec![false; m],
         input_gaps: vec![0; m],
+        stated: Vec::new(),
         output_gaps: vec![0; q],
     }
 }

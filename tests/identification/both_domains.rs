@@ -25,6 +25,7 @@ fn records(model: &Model, runs: usize, (n, dt): (usize, f64), part: f64) -> Vec<
             time,
             held: vec![false; m],
             input_gaps: vec![0; m],
+            stated: Vec::new(),
             output_gaps: vec![0; q],
         };
         let mut run = run.with_measured(model.definition()).unwrap();

@@ -163,6 +163,7 @@ fn runs_at_other_trims_fit_one_model() {
             time: (0..240).map(|k| DT * f64::from(k)).collect(),
             held: vec![false],
             input_gaps: vec![0],
+            stated: Vec::new(),
             output_gaps: vec![0; 2],
             inputs,
             measured,

@@ -43,6 +43,7 @@ fn run(samples: usize, dt: f64) -> Run {
         held: vec![false],
         measured: vec![f64::NAN; 3 * samples],
         input_gaps: vec![0],
+        stated: Vec::new(),
         output_gaps: vec![0; 3],
     }
 }
@@ -99,7 +100,8 @@ fn deviations_in_errors(noise: [f64; 2], repeats: u64) -> [f64; 2] {
     let inputs = time.iter().map(|t| 0.1 * ((1.3 * t).sin() + (0.03 * t * t).cos() - 1.0)).collect();
     let measured = vec![f64::NAN; 2 * time.len()];
     let (held, input_gaps, output_gaps) = (vec![false], vec![0], vec![0; 2]);
-    let mut run = Run { name: "turn".into(), time, inputs, held, measured, input_gaps, output_gaps };
+    let mut run =
+        Run { name: "turn".into(), time, inputs, held, measured, input_gaps, stated: Vec::new(), output_gaps };
     let exact = response(&model, &run);
     let frequencies = Frequencies::Grid { lowest: None, highest: Some(0.6) };
     let options =

@@ -20,6 +20,7 @@ fn run(model: &Model, time: Vec<f64>) -> Run {
         time,
         held: vec![false; m],
         input_gaps: vec![0; m],
+        stated: Vec::new(),
         output_gaps: vec![0; q],
     }
 }

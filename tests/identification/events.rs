@@ -27,6 +27,7 @@ fn run(model: &Model, time: Vec<f64>) -> Run {
         time,
         held: (0..m).map(|i| i % 2 == 1).collect(),
         input_gaps: vec![0; m],
+        stated: Vec::new(),
         output_gaps: vec![0; q],
     }
 }

@@ -24,7 +24,7 @@ fn coverage(highest: f64) -> [f64; 2] {
     let inputs: Vec<f64> = time.iter().map(|t| (1.1 * t).sin() + (0.45 * t).cos() - 1.0).collect();
     let (held, input_gaps, output_gaps) = (vec![false], vec![0], vec![0; 3]);
     let measured = vec![f64::NAN; 3 * time.len()];
-    let mut run = Run { name: "few".into(), time, inputs, held, measured, input_gaps, output_gaps };
+    let mut run = Run { name: "few".into(), time, inputs, held, measured, input_gaps, stated: Vec::new(), output_gaps };
     let mut exact = run.measured.clone();
     let mut simulator = Simulator::new(model.dynamics(), &run, 4).expect("the run suits the model");
     simulator.simulate(&model.definition().start(), &mut exact).expect("stable");

@@ -90,6 +90,7 @@ fn flown(samples: usize, seed: u64) -> Run {
         time: (0..samples).map(|k| DT * k as f64).collect(),
         held: vec![false; 6],
         input_gaps: vec![0; 6],
+        stated: Vec::new(),
         output_gaps: vec![0, 5, 5, 0, 0, 0, 0],
         inputs,
         measured,

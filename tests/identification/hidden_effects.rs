@@ -52,6 +52,7 @@ fn record<const N: usize, const M: usize>(
             .flat_map(|x| std::array::from_fn::<f64, N, _>(|i| x[i] + noise[i] * normal.next()))
             .collect(),
         input_gaps: vec![0; M],
+        stated: Vec::new(),
         output_gaps: vec![0; N],
         time,
     }

@@ -26,6 +26,7 @@ fn record(model: &Model) -> Run {
         time,
         held: vec![false],
         input_gaps: vec![0],
+        stated: Vec::new(),
         output_gaps: vec![0; 2],
     };
     let mut theta = model.definition().start();

@@ -229,6 +229,7 @@ fn turning(resistance: f64, turns: f64, rudder: f64) -> Vec<[f64; 3]> {
         measured: vec![f64::NAN; 3 * time.len()],
         held: vec![false, true],
         input_gaps: vec![0; 2],
+        stated: Vec::new(),
         output_gaps: vec![0; 3],
         time,
     };
@@ -291,6 +292,7 @@ fn overshoots(angle: f64, side: f64) -> [f64; 2] {
         measured: vec![f64::NAN; time.len()],
         held: vec![true],
         input_gaps: vec![0],
+        stated: Vec::new(),
         output_gaps: vec![0],
         time,
     };
@@ -389,6 +391,7 @@ fn an_actuator_reaches_its_stop_and_leaves_it_without_delay() {
         measured: vec![f64::NAN; 3 * time.len()],
         held: vec![true, true],
         input_gaps: vec![0; 2],
+        stated: Vec::new(),
         output_gaps: vec![0; 3],
         time,
     };

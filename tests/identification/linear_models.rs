@@ -18,6 +18,7 @@ fn run(model: &Model, time: Vec<f64>) -> Run {
         measured: vec![f64::NAN; time.len() * q],
         held: vec![false; m],
         input_gaps: vec![0; m],
+        stated: Vec::new(),
         output_gaps: vec![0; q],
         time,
     }

@@ -46,7 +46,8 @@ fn repeated(deviation: f64, kept: f64, repeats: u64) -> [f64; 3] {
     let inputs = time.iter().flat_map(moved).collect();
     let (held, input_gaps, output_gaps) = (vec![false; 2], vec![0; 2], vec![0]);
     let measured = vec![f64::NAN; time.len()];
-    let flown = Run { name: "flight".into(), time, inputs, held, measured, input_gaps, output_gaps };
+    let flown =
+        Run { name: "flight".into(), time, inputs, held, measured, input_gaps, stated: Vec::new(), output_gaps };
     let mut exact = vec![0.0; flown.len()];
     let mut simulator = Simulator::new(model.dynamics(), &flown, 4).expect("the run suits the model");
     simulator.simulate(&model.definition().start(), &mut exact).expect("stable");
@@ -92,7 +93,7 @@ fn without_noise_nothing_is_drawn() {
     let inputs = time.iter().flat_map(|t| [(1.3 * t).sin(), (0.7 * t).cos() - 1.0]).collect();
     let (held, input_gaps, output_gaps) = (vec![false; 2], vec![0; 2], vec![0]);
     let measured = noise(time.len(), 0.0, 1);
-    let run = Run { name: "flight".into(), time, inputs, held, measured, input_gaps, output_gaps };
+    let run = Run { name: "flight".into(), time, inputs, held, measured, input_gaps, stated: Vec::new(), output_gaps };
     for input_noise in [Vec::new(), vec![("beta".into(), 0.0)]] {
         let options = SpectralOptions { input_noise, ..SpectralOptions::default() };
         let fit = fit_spectra(&model, std::slice::from_ref(&run), &options, &mut ()).expect("an estimate");

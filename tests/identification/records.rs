@@ -20,6 +20,7 @@ fn recorded(model: &Model, n: usize, dt: f64) -> Run {
         held: Vec::new(),
         measured: vec![0.0; n * layout.outputs],
         input_gaps: Vec::new(),
+        stated: Vec::new(),
         output_gaps: vec![0; layout.outputs],
     };
     let mut y = run.measured.clone();
@@ -92,6 +93,7 @@ fn sensitivities_of_a_model_that_records_drive() {
         held: Vec::new(),
         measured: (0..n).flat_map(wave).collect(),
         input_gaps: Vec::new(),
+        stated: Vec::new(),
         output_gaps: vec![0; 2],
     };
     assert_eq!(

@@ -36,6 +36,7 @@ fn recorded_with(
         time,
         held: vec![false; layout.inputs],
         input_gaps: vec![0; layout.inputs],
+        stated: Vec::new(),
         output_gaps: vec![0; layout.outputs],
     };
     let mut theta = model.definition().start();

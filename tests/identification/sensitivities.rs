@@ -24,6 +24,7 @@ fn run(model: &Model, n: usize, dt: f64) -> Run {
         time,
         held: vec![false; m],
         input_gaps: vec![0; m],
+        stated: Vec::new(),
         output_gaps: vec![0; q],
     }
 }
@@ -225,6 +226,7 @@ fn a_delayed_ramp_has_its_closed_form() {
         measured: vec![f64::NAN; time.len()],
         held: vec![false],
         input_gaps: vec![0],
+        stated: Vec::new(),
         output_gaps: vec![0],
         time: time.clone(),
     };

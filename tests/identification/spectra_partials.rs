@@ -204,6 +204,7 @@ fn the_derivative_of_an_input_in_the_frequency_domain() {
         held: vec![false],
         measured: (0..n).map(|_| normal.next()).collect(),
         input_gaps: vec![0],
+        stated: Vec::new(),
         output_gaps: vec![0],
     };
     let run = run.with_measured(model.definition()).unwrap();

@@ -17,6 +17,7 @@ fn blank(model: &Model, name: &str, time: Vec<f64>) -> Run {
         held: vec![false; m],
         measured: vec![0.0; n * q],
         input_gaps: vec![0; m],
+        stated: Vec::new(),
         output_gaps: vec![0; q],
     }
 }

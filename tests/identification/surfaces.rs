@@ -55,7 +55,7 @@ fn manoeuvre(name: &str, number: u64, Noise(noise, draw): Noise, trim: f64, size
         }
     }
     let (held, input_gaps, output_gaps) = (vec![false], vec![0], vec![0; 3]);
-    Run { name: name.into(), time, inputs, measured, held, input_gaps, output_gaps }
+    Run { name: name.into(), time, inputs, measured, held, input_gaps, stated: Vec::new(), output_gaps }
 }
 
 /// Ten manoeuvres between slow flight and stall.

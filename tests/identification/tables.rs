@@ -43,6 +43,7 @@ fn flight(model: &Model, part: f64, seed: u64) -> Run {
         time,
         held: vec![false],
         input_gaps: vec![0],
+        stated: Vec::new(),
         output_gaps: vec![0; q],
     };
     let mut y = vec![0.0; n * q];
@@ -155,6 +156,7 @@ fn ordinates_that_no_flight_visits_are_said_to_be_open() {
         time,
         held: vec![false],
         input_gaps: vec![0],
+        stated: Vec::new(),
         output_gaps: vec![0],
     };
     let fit = fit(&model, &[run], &FitOptions::default(), &mut ()).unwrap();
@@ -185,6 +187,7 @@ fn both_doors_have_the_same_tables() {
         time,
         held: vec![false],
         input_gaps: vec![0],
+        stated: Vec::new(),
         output_gaps: vec![0],
     };
     let response = |model: &Model| {

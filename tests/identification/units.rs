@@ -89,6 +89,7 @@ fn run(model: &Model, n: usize) -> Run {
         time,
         held: vec![false; m],
         input_gaps: vec![0; m],
+        stated: Vec::new(),
         output_gaps: vec![0; q],
     }
 }

@@ -31,6 +31,7 @@ fn run(model: &Model) -> Run {
         held: vec![false; inputs],
         measured: vec![f64::NAN; time.len() * outputs],
         input_gaps: vec![0; inputs],
+        stated: Vec::new(),
         output_gaps: vec![0; outputs],
         time,
     }

@@ -121,6 +121,7 @@ fn record(truth: &Model, r: usize, part: f64, pink: bool, seed: u64) -> Run {
         time,
         held: vec![false; m],
         input_gaps: vec![0; m],
+        stated: Vec::new(),
         output_gaps: vec![0; q],
     };
     let mut y = vec![0.0; n * q];
@@ -197,6 +198,7 @@ pub fn hover_records(runs: usize, part: f64) -> Vec<Run> {
             time,
             held: vec![false; m],
             input_gaps: vec![0; m],
+            stated: Vec::new(),
             output_gaps: vec![0; q + m],
         };
         let mut y = vec![0.0; n * (q + m)];

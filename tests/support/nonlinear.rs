@@ -54,6 +54,7 @@ impl System {
             held: vec![false; m],
             measured: Vec::new(),
             input_gaps: vec![0; m],
+            stated: Vec::new(),
             output_gaps: vec![0; q],
         };
         let mut theta = model.definition().start();

@@ -39,6 +39,7 @@ pub fn flown(model: &Model, name: &str, samples: usize, dt: f64, controls: impl 
         held: vec![false; m],
         measured: vec![0.0; samples * q],
         input_gaps: vec![0; m],
+        stated: Vec::new(),
         output_gaps: vec![0; q],
     };
     let mut y = vec![0.0; samples * q];

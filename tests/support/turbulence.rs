@@ -59,6 +59,7 @@ impl Flight<'_> {
             name: name.into(),
             held: vec![true; layout.inputs],
             input_gaps: vec![0; layout.inputs],
+            stated: Vec::new(),
             output_gaps: vec![0; q],
             time,
             inputs,

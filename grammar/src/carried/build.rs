@@ -147,6 +147,7 @@ impl Builder<'_> {
         self.model.inputs.push(Input {
             quantity,
             known: false,
+            held: false,
             measured: None,
             computed: Some(Computed { graph, expr }),
             slope: None,

@@ -55,7 +55,7 @@ fn cell(piece: &Piece<'_>, last: Cell) -> Option<Cell> {
         "in" if last != Cell::Value => Some(Cell::Bounds),
         "fixed" | "per" if !matches!(last, Cell::Value | Cell::Bounds | Cell::Doc) => Some(Cell::Doc),
         // behind a unit it is no function
-        "log" if last == Cell::Unit => Some(Cell::Doc),
+        "log" | "held" if last == Cell::Unit => Some(Cell::Doc),
         _ => None,
     }
 }

@@ -29,7 +29,14 @@ impl Model {
         let named = |name: String| Quantity { name, doc: String::new(), unit: None };
         for signal in 0..signals {
             let quantity = named(format!("force {signal}"));
-            model.inputs.push(Input { quantity, known: false, measured: None, computed: None, slope: None });
+            model.inputs.push(Input {
+                quantity,
+                known: false,
+                held: false,
+                measured: None,
+                computed: None,
+                slope: None,
+            });
         }
         for place in 0..entries.len() {
             model.params.extend(

@@ -40,6 +40,8 @@ pub struct Input {
     /// Declared with `known`: a value that each run brings, the same in all samples; expressions hold it as a parameter
     /// ([`Origin::FirstSample`]).
     pub known: bool,
+    /// Declared `held`: it keeps its value until the next sample (zero-order hold). Whether others do is said with their records.
+    pub held: bool,
     /// Made from `measured(.)` or by [`Model::substituted`]: a hidden input, filled from the record of this output. `None`
     /// for a declared input.
     pub measured: Option<u32>,

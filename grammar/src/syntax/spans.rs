@@ -98,7 +98,10 @@ fn of_declaration(d: &mut Declaration, visit: &mut impl FnMut(&mut Span)) {
     if let Some(wrap) = &mut d.wrap {
         visit(&mut wrap.span);
     }
-    rest.into_iter().chain([d.fixed.as_mut(), d.per_run.as_mut(), d.log.as_mut()]).flatten().for_each(visit);
+    rest.into_iter()
+        .chain([d.fixed.as_mut(), d.per_run.as_mut(), d.log.as_mut(), d.held.as_mut()])
+        .flatten()
+        .for_each(visit);
 }
 
 fn optional(name: &mut Option<Name>, visit: &mut impl FnMut(&mut Span)) {

@@ -259,6 +259,8 @@ pub struct Declaration {
     pub wrap: Option<Wrap>,
     /// `log`: estimated by its logarithm
     pub log: Option<Span>,
+    /// `held`: an input that keeps its value until the next sample
+    pub held: Option<Span>,
     /// Said of what no user wrote: a state or a `let` of a block.
     pub made: Option<Made>,
     /// The whole declaration.
@@ -280,6 +282,7 @@ impl Declaration {
             group: None,
             wrap: None,
             log: None,
+            held: None,
             made: None,
             span,
         }

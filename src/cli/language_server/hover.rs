@@ -25,6 +25,7 @@ const ABOUT: &[(&str, &str)] = &[
     ("effect", "`effect name(...) { ... }`: what may be missing from a model"),
     ("in", "`in [lower, upper]`: bounds"),
     ("fixed", "known, not estimated"),
+    ("held", "an input that keeps its value until the next sample (zero-order hold)"),
     ("per", "`per run`: a value of its own in every run"),
     ("run", "`per run`: a value of its own in every run"),
     ("free", "the initial value is estimated in every run"),

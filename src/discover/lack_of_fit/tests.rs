@@ -31,6 +31,7 @@ fn described(response: impl Fn(usize, f64) -> f64, record: impl Fn(usize, f64) -
             held: vec![false],
             measured,
             input_gaps: vec![0],
+            stated: Vec::new(),
             output_gaps: vec![0],
         });
     }

@@ -528,6 +528,7 @@ mod tests {
             time,
             held: vec![false],
             input_gaps: vec![0],
+            stated: Vec::new(),
             output_gaps: vec![0; 3],
         }
     }

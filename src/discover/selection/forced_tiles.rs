@@ -343,6 +343,7 @@ mod tests {
             time,
             held: vec![false],
             input_gaps: vec![0],
+            stated: Vec::new(),
             output_gaps: vec![0; 2],
         }
     }

@@ -50,6 +50,7 @@ fn run(text: &str, name: &str, input: impl Fn(f64) -> f64, values: &[(&str, f64)
         measured: vec![0.0; n],
         time,
         input_gaps: vec![0; m],
+        stated: Vec::new(),
         output_gaps: vec![0],
     };
     let mut theta = model.definition().start();

@@ -159,6 +159,7 @@ mod tests {
             held: vec![false],
             measured: values,
             input_gaps: vec![0],
+            stated: Vec::new(),
             output_gaps: vec![0],
         }
     }

@@ -252,6 +252,7 @@ fn transformed(run: &Run, series: &Series<'_>, choice: &Frequencies) -> Result<S
         held: Vec::new(),
         measured,
         input_gaps: Vec::new(),
+        stated: Vec::new(),
         output_gaps: vec![0; width],
     };
     let options = SpectrumOptions { allow_unmeasured: true, ..SpectrumOptions::default() };

@@ -34,6 +34,7 @@ fn record(model: &Model, samples: usize, dt: f64, noise: f64, seed: u64) -> Run 
         held: vec![false; m],
         measured: vec![f64::NAN; samples * q],
         input_gaps: vec![0; m],
+        stated: Vec::new(),
         output_gaps: vec![0; q],
     };
     let mut y = vec![0.0; samples * q];

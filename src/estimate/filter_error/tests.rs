@@ -22,6 +22,7 @@ fn run(name: &str, (n, m, q): (usize, usize, usize), dt: f64, seed: u64, gaps: u
         held: vec![false; m],
         measured,
         input_gaps: vec![0; m],
+        stated: Vec::new(),
         output_gaps: vec![0; q],
     }
 }

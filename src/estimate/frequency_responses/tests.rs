@@ -54,6 +54,7 @@ fn flown(model: &Model, name: &str, dt: f64, inputs: &[Vec<f64>], noise: f64, se
         held: vec![false; inputs.len()],
         measured: vec![0.0; n * q],
         input_gaps: vec![0; inputs.len()],
+        stated: Vec::new(),
         output_gaps: vec![0; q],
     };
     let mut run = run.with_measured(model.definition()).expect("complete");

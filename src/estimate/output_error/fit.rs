@@ -2,6 +2,7 @@
 
 use crate::estimate::{Estimate, ParameterEstimate, Status};
 use crate::few_samples::FewSamples;
+use crate::interpolation::InputInterpolation;
 use crate::observer::StartSummary;
 use crate::output_error::defect::FitDefect;
 use crate::output_error::integration_fault::IntegrationFault;
@@ -30,6 +31,8 @@ pub struct Fit {
     pub few_samples: Vec<FewSamples>,
     /// Initial values that the model states and the data contradict; none when they do not, or when that was not looked at.
     pub doubted_initials: Option<DoubtedInitials>,
+    /// What the record says of inputs about which nobody said how they go between samples; empty when that was not looked at.
+    pub interpolations: Vec<InputInterpolation>,
     /// What the residuals say: every output of every run, runs outermost; empty when nothing could be simulated, or when that
     /// was not asked for.
     pub quality: Vec<OutputQuality>,
@@ -61,6 +64,7 @@ impl Fit {
             integration_faults: Vec::new(),
             few_samples: Vec::new(),
             doubted_initials: None,
+            interpolations: Vec::new(),
             quality: Vec::new(),
             rescue: None,
             by_length: Vec::new(),

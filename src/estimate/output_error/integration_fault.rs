@@ -101,6 +101,7 @@ mod tests {
             held: vec![false],
             measured: vec![0.0; time.len()],
             input_gaps: vec![0],
+            stated: Vec::new(),
             output_gaps: vec![0],
             time,
         };
@@ -135,8 +136,16 @@ mod tests {
             let inputs: Vec<f64> = (0..count).map(|k| ((k / 7) % 2) as f64).collect();
             let (held, gaps) = (vec![true], vec![0]);
             let measured = vec![0.0; count];
-            let blank =
-                Run { name: "r".into(), time, inputs, held, measured, input_gaps: gaps.clone(), output_gaps: gaps };
+            let blank = Run {
+                name: "r".into(),
+                time,
+                inputs,
+                held,
+                measured,
+                input_gaps: gaps.clone(),
+                stated: Vec::new(),
+                output_gaps: gaps,
+            };
             let mut simulator = fdm_system::simulate::Simulator::new(model.dynamics(), &blank, 64).unwrap();
             let mut measured = vec![0.0; count];
             simulator.simulate(&model.definition().start(), &mut measured).unwrap();

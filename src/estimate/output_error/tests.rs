@@ -18,6 +18,7 @@ fn record(n: usize, noise: MadeNoise<'_>) -> Run {
         held: vec![false; 2],
         measured: time.iter().map(|t| truth(*t) + noise(*t, truth(*t))).collect(),
         input_gaps: vec![0; 2],
+        stated: Vec::new(),
         output_gaps: vec![0],
         time,
     }
@@ -130,7 +131,16 @@ fn deviations_of_a_stiff_model_are_judged_by_steps_that_follow_it() {
     let model = Model::from_text("fast.fdm", text).unwrap_or_else(|e| panic!("{e}"));
     let (time, measured) = (vec![0.0, 2.0, 4.0], vec![2.1, 2.7, 3.2]);
     let (name, inputs, held, input_gaps) = ("r".into(), Vec::new(), Vec::new(), Vec::new());
-    let run = Run { name, inputs, held, measured: measured.clone(), input_gaps, output_gaps: vec![0], time };
+    let run = Run {
+        name,
+        inputs,
+        held,
+        measured: measured.clone(),
+        input_gaps,
+        stated: Vec::new(),
+        output_gaps: vec![0],
+        time,
+    };
     let options = FitOptions { options: Options { iterations: 0, ..Options::default() }, ..FitOptions::default() };
     let judged = fit(&model, std::slice::from_ref(&run), &options, &mut ()).unwrap_or_else(|e| panic!("{e}"));
     let density = |(z, y): (&f64, f64)| {

@@ -26,6 +26,7 @@ fn run() -> Run {
         held: vec![false],
         measured: time.iter().enumerate().map(|(k, t)| 1.0 - t.cos() + 1e-3 * (k * k % 7) as f64).collect(),
         input_gaps: vec![0],
+        stated: Vec::new(),
         output_gaps: vec![0],
         time,
     }
@@ -168,7 +169,7 @@ fn the_choice_of_steps_is_ended_too() {
         0.0776,
     ];
     let (name, inputs, held, input_gaps) = ("r".into(), Vec::new(), Vec::new(), Vec::new());
-    let run = Run { name, inputs, held, measured, input_gaps, output_gaps: vec![0], time };
+    let run = Run { name, inputs, held, measured, input_gaps, stated: Vec::new(), output_gaps: vec![0], time };
     let fitted = |patience: usize| {
         let mut left = Patience(patience);
         (fit(&model, std::slice::from_ref(&run), &FitOptions::default(), &mut left).unwrap(), left.0)

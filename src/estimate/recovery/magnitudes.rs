@@ -110,6 +110,7 @@ mod tests {
             held: vec![false],
             measured: (0..q * n).map(|k| if k == 3 { f64::NAN } else { k as f64 - 4.0 }).collect(),
             input_gaps: vec![0],
+            stated: Vec::new(),
             output_gaps: vec![0; q],
         };
         let levels = levels(std::slice::from_ref(&run), q);

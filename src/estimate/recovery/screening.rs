@@ -249,6 +249,7 @@ mod tests {
             held,
             measured,
             input_gaps: gaps,
+            stated: Vec::new(),
             output_gaps: vec![0; 2],
         };
         let mut measured = run.measured.clone();

@@ -241,6 +241,7 @@ mod tests {
             held: vec![false],
             measured: vec![f64::NAN; 13],
             input_gaps: vec![0],
+            stated: Vec::new(),
             output_gaps: vec![0],
         };
         let models = SegmentModels::new(&model);

@@ -60,7 +60,10 @@ pub fn residual_quality(signals: &Signals<'_>) -> Vec<OutputQuality> {
     assert!(signals.time.is_empty() || signals.time.len() == n, "a time for every sample");
     let sampling = match signals.time {
         [] => Ok(EvenGrid::counted(n)),
-        time => EvenGrid::of_run(time).map_err(Untested::from),
+        time => {
+            let compared = |k: usize| signals.measured[k * q..(k + 1) * q].iter().any(|z| !z.is_nan());
+            EvenGrid::of_compared(time, compared).map_err(Untested::from)
+        }
     };
     let judge = |(o, name): (usize, &String)| {
         let fit = OutputFit::new(name, signals.run, signals.measured, signals.response, o, q);

@@ -72,7 +72,16 @@ mod tests {
         // 1 + 2 t, and 3 more in the middle
         let measured = vec![1.0, 3.0, 8.0, 7.0, 9.0];
         let (name, held, gaps) = ("r".into(), Vec::new(), vec![0]);
-        let run = Run { name, inputs: Vec::new(), held, measured, input_gaps: Vec::new(), output_gaps: gaps, time };
+        let run = Run {
+            name,
+            inputs: Vec::new(),
+            held,
+            measured,
+            input_gaps: Vec::new(),
+            stated: Vec::new(),
+            output_gaps: gaps,
+            time,
+        };
         let found = &Baseline::of(&["y"], &[run], &[&[0.0, 0.0, 3.0, 0.0, 0.0]], 0.0)[0];
         assert!((found.last_value - ((4.0 + 49.0 + 36.0 + 64.0) / 4.0_f64).sqrt()).abs() < 1e-12, "{found:?}");
         // the line through (1, 3), (2, 8), (3, 7), (4, 9) is 2.5 + 1.7 t

@@ -90,7 +90,8 @@ pub(crate) struct OutputSeries {
 impl OutputSeries {
     /// An output of a run with these times, from responses and residuals (N by q each).
     pub(crate) fn of_run(time: &[f64], response: &[f64], residuals: &[f64], (output, q): (usize, usize)) -> Self {
-        let grid = EvenGrid::of_run(time).unwrap_or_else(|_| EvenGrid::counted(time.len()));
+        let compared = |k: usize| residuals[k * q..(k + 1) * q].iter().any(|e| !e.is_nan());
+        let grid = EvenGrid::of_compared(time, compared).unwrap_or_else(|_| EvenGrid::counted(time.len()));
         Self {
             response: grid.spread(response.iter().skip(output).step_by(q).map(|y| y.abs())),
             time: grid.spread(time.iter().map(|t| t - time[0])),

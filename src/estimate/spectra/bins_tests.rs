@@ -22,6 +22,7 @@ fn lines(frequencies: Frequencies, ends: EndTerms) -> (SpectralBins, Model, Run)
         time,
         held: vec![false],
         input_gaps: vec![0],
+        stated: Vec::new(),
         output_gaps: vec![0; 2],
     };
     let model = Model::from_text("m.fdm", MODEL).unwrap();

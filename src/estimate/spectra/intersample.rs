@@ -94,6 +94,7 @@ mod tests {
             time,
             held: vec![false],
             input_gaps: vec![0],
+            stated: Vec::new(),
             output_gaps: vec![0],
         };
         let run = run.with_measured(&carried).expect("complete");

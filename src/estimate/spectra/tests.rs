@@ -31,6 +31,7 @@ fn run(model: &Model, theta: &[f64], name: &str, (samples, noise): (usize, f64))
         held: vec![false; m],
         measured: vec![0.0; samples * q],
         input_gaps: vec![0; m],
+        stated: Vec::new(),
         output_gaps: vec![0; q],
     };
     let mut y = vec![0.0; samples * q];

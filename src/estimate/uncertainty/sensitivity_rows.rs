@@ -70,7 +70,11 @@ const BLOCK: usize = 64;
 pub(crate) fn sampling(run: &ProblemRun<'_>) -> Option<EvenGrid> {
     let samples = run.response.samples();
     match run.response.time() {
-        Some(time) if samples > 2 => EvenGrid::of_run(time).ok(),
+        Some(time) if samples > 2 => {
+            let q = run.response.outputs();
+            let compared = |k: usize| run.measured[k * q..(k + 1) * q].iter().any(|z| !z.is_nan());
+            EvenGrid::of_compared(time, compared).ok()
+        }
         _ => Some(EvenGrid::counted(samples)),
     }
 }

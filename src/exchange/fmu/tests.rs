@@ -22,6 +22,7 @@ fn record(model: &Model, time: &[f64], held: bool, input: impl Fn(f64, usize) ->
         held: vec![held; layout.inputs],
         measured: vec![0.0; time.len() * layout.outputs],
         input_gaps: vec![0; layout.inputs],
+        stated: Vec::new(),
         output_gaps: vec![0; layout.outputs],
     }
 }

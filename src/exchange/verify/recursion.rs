@@ -136,6 +136,7 @@ fn record(model: &Model, estimator: &RecursiveEstimator) -> Run {
         held: estimator.constants().held[..declared].to_vec(),
         measured: Vec::new(),
         input_gaps: vec![0; declared],
+        stated: Vec::new(),
         output_gaps: vec![0; q],
     };
     for _ in 0..SAMPLES {

@@ -97,6 +97,7 @@ pub(super) fn run(question: &Question<'_>, manoeuvre: &Manoeuvre) -> Option<Run>
         held: question.known.first().map_or_else(|| vec![false; m], |(run, _)| run.held.clone()),
         measured: vec![0.0; n * q],
         input_gaps: vec![0; m],
+        stated: Vec::new(),
         output_gaps: vec![0; q],
     })
 }

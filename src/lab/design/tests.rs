@@ -34,6 +34,7 @@ fn the_input_that_was_not_moved_is_the_next_one_to_move() {
         held: vec![false; 2],
         measured: vec![0.0; n],
         input_gaps: vec![0; 2],
+        stated: Vec::new(),
         output_gaps: vec![0],
     };
     let asked = question(&model);

@@ -155,6 +155,7 @@ impl Flight<'_> {
             held: vec![false; m],
             measured: vec![f64::NAN; n * q],
             input_gaps: vec![0; m],
+            stated: Vec::new(),
             output_gaps: vec![0; q],
         };
         let response = self.response(&run)?;

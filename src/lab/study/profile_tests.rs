@@ -16,6 +16,7 @@ fn fitted(text: &str, u: &[f64], y: impl Fn(f64) -> f64, deviation: f64) -> (Fit
         inputs: u.to_vec(),
         held: vec![false],
         input_gaps: vec![0],
+        stated: Vec::new(),
         output_gaps: vec![0],
     };
     let noise = Noise::Given(vec![Some(deviation)]);

@@ -20,6 +20,7 @@ fn run(deviation: f64) -> Run {
         inputs: u,
         held: vec![false],
         input_gaps: vec![0],
+        stated: Vec::new(),
         output_gaps: vec![0],
     }
 }

@@ -177,6 +177,8 @@ fn place(about: About) -> &'static str {
         About::Unexplained
         | About::Offset
         | About::Input
+        | About::Interpolation
+        | About::InterpolationUnknown
         | About::Colour
         | About::Noise
         | About::NoNoise

@@ -61,7 +61,12 @@ fn declared(model: &Model) -> Vec<Declared> {
         (None, Some(c)) => format!("computed: {}", show(&c.graph, c.expr, m)),
         (None, None) => String::new(),
     };
-    let inputs = m.inputs.iter().map(|i| row(if i.known { "known" } else { "input" }, &i.quantity, None, from(i)));
+    let role = |i: &fdm_grammar::model::Input| match (i.known, i.held) {
+        (true, _) => "known",
+        (_, true) => "input, held",
+        _ => "input",
+    };
+    let inputs = m.inputs.iter().map(|i| row(role(i), &i.quantity, None, from(i)));
     let states = m.states.iter().map(|s| row("state", &s.quantity, None, String::new()));
     let params = m.params.iter().map(|p| match p.origin {
         Origin::Declared => row("param", &p.quantity, Some(p.value), attributes(p)),

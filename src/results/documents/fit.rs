@@ -13,9 +13,9 @@ use fdm_discover::LackOfFit;
 use fdm_doctor::Finding;
 use fdm_estimate::residuals::OutputQuality;
 use fdm_estimate::{
-    BiasCorrection, Continuity, Curvature, Direction, DoubtedInitials, Estimate, FilterFit, Fit, Iteration, LengthFit,
-    LengthSensitivity, Loss, NoiseColour, ParameterEstimate, Recovery, ResponseFit, Reweighting, Smoothing,
-    SpectralColour, SpectralFit, StartSummary, Symmetric, TableEstimate, Termination, by_confidence,
+    BiasCorrection, Continuity, Curvature, Direction, DoubtedInitials, Estimate, FilterFit, Fit, InputInterpolation,
+    Iteration, LengthFit, LengthSensitivity, Loss, NoiseColour, ParameterEstimate, Recovery, ResponseFit, Reweighting,
+    Smoothing, SpectralColour, SpectralFit, StartSummary, Symmetric, TableEstimate, Termination, by_confidence,
 };
 use fdm_system::Model;
 use fdm_system::simulate::Steps;
@@ -101,6 +101,9 @@ pub struct FitDocument {
     /// The same in words.
     #[serde(default, deserialize_with = "present", skip_serializing_if = "Option::is_none")]
     pub rescue_message: Option<Option<String>>,
+    /// What the record says of inputs about which nobody said how they go between samples.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub interpolations: Vec<InputInterpolation>,
     /// States whose records took their place in a first fit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub substituted: Option<Vec<String>>,
@@ -332,6 +335,7 @@ impl FitDocument {
             integration: Some(integration.collect()),
             rescue: Some(fit.rescue.clone()),
             rescue_message: Some(fit.rescue.as_ref().map(ToString::to_string)),
+            interpolations: fit.interpolations.clone(),
             substituted: Some(fit.substituted.clone()),
             shooting: Some(fit.shooting.clone()),
             by_length: Some(fit.by_length.clone()),
@@ -419,6 +423,7 @@ impl FitDocument {
             integration: None,
             rescue: None,
             rescue_message: None,
+            interpolations: Vec::new(),
             substituted: None,
             shooting: None,
             by_length: None,

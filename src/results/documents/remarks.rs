@@ -6,7 +6,8 @@ use super::doubted;
 use super::equal_minima::equal_minima;
 use fdm_estimate::residuals::{Cause, InputCorrelation, NoiseVariation, OutputFit, OutputQuality, Trend, Unexplained};
 use fdm_estimate::{
-    Curvature, Estimate, Fit, LONG_RUN, NoiseColour, ParameterEstimate, SpectralFit, Status, Termination, Uncorrected,
+    Curvature, Estimate, Fit, InputInterpolation, LONG_RUN, NoiseColour, ParameterEstimate, SpectralFit, Status,
+    Termination, Uncorrected,
 };
 use fdm_numeric::statistics::Student;
 use serde::{Deserialize, Serialize};
@@ -16,6 +17,8 @@ use std::fmt;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum About {
+    /// Inputs that were held between samples and are taken for straight lines, or the other way round.
+    Interpolation,
     /// A likelihood that has no maximum.
     Likelihood,
     /// Other minima that are as good.
@@ -34,6 +37,8 @@ pub enum About {
     Correlated,
     /// Parameters at their bounds.
     Bound,
+    /// Inputs of which the record does not say whether they were held between samples, where that matters.
+    InterpolationUnknown,
     /// Parameters that few samples moved far from their starts.
     Few,
     /// Intervals that may hold less often than in 95 of 100 cases.
@@ -66,11 +71,11 @@ impl About {
     /// In which order remarks are told: what speaks most against a result first.
     pub fn rank(self) -> usize {
         match self {
-            Self::Likelihood | Self::Initial | Self::Unexplained => 0,
+            Self::Interpolation | Self::Likelihood | Self::Initial | Self::Unexplained => 0,
             Self::Undetermined => 1,
             Self::Minima | Self::Bound | Self::Few => 2,
             Self::Offset => 3,
-            Self::Input => 4,
+            Self::Input | Self::InterpolationUnknown => 4,
             Self::Colour | Self::Noise => 5,
             Self::Drawn | Self::Intervals => 6,
             Self::Correlated => 7,
@@ -100,6 +105,8 @@ impl About {
             Self::Minima => "give bounds, or a start value with a prior, that say which is meant",
             Self::Likelihood
             | Self::Initial
+            | Self::Interpolation
+            | Self::InterpolationUnknown
             | Self::Table
             | Self::Bound
             | Self::Few
@@ -272,6 +279,7 @@ pub fn fit_remarks(fit: &Fit) -> Vec<Remark> {
     remarks.extend(unexplained.iter().map(|u| Remark::new(About::Unexplained, not_explained(u))));
     remarks.extend(estimate_remarks(&fit.estimate));
     remarks.extend(equal_minima(fit).into_iter().map(|said| Remark::new(About::Minima, said)));
+    remarks.extend(fit.interpolations.iter().filter_map(interpolation));
     if !fit.loss.is_squares() {
         let said =
             format!("estimated by {} in place of squares: the noise covariance is that of pseudo-values", fit.loss);
@@ -314,6 +322,37 @@ fn not_explained(found: &Unexplained) -> String {
         (Some(r2), None, None) => format!("{name} is not explained by the model ({r2}): its response does not move"),
         (None, ..) => format!("{name} never changes in the record, and is not what the model says"),
     }
+}
+
+/// What the record says of an input about which nobody said how it goes between samples, where the fit has it the other way or it matters.
+fn interpolation(found: &InputInterpolation) -> Option<Remark> {
+    let input = &found.input;
+    let (was, other) = match found.held {
+        true => ("held between samples", "in straight lines"),
+        false => ("in straight lines", "held between samples"),
+    };
+    let moved = found.moves.as_ref().map_or(String::new(), |m| {
+        let (name, value) = (named(&m.parameter, m.run.as_deref()), digits(m.value, 4));
+        format!("; {name} becomes {value}, {} standard errors away", digits(m.standard_errors.abs(), 2))
+    });
+    if found.is_otherwise() {
+        let word =
+            if found.held { format!("`--linear {input}`") } else { format!("`--zoh {input}`, `input {input} held;`") };
+        let more = found.asked.map_or(String::new(), |times| {
+            format!("; the residuals ask for {} times as much: look for a delay or lag too", digits(times, 2))
+        });
+        let nats = digits(found.evidence, 3);
+        let said = format!(
+            "the record says that `{input}` went {other}, not {was}: log-likelihood higher by {nats}{moved}; say so: {word}{more}"
+        );
+        return Some(Remark::new(About::Interpolation, said));
+    }
+    found.is_undecided().then(|| {
+        let said = format!(
+            "the record does not say whether `{input}` went {was} or {other}{moved}; say which: `--zoh {input}` or `--linear {input}`"
+        );
+        Remark::new(About::InterpolationUnknown, said)
+    })
 }
 
 /// What a careful reader of the residuals would ask about; `time` is the unit of time.

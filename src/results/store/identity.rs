@@ -170,6 +170,7 @@ mod tests {
             held: Vec::new(),
             measured: vec![1.0, last],
             input_gaps: Vec::new(),
+            stated: Vec::new(),
             output_gaps: vec![0],
         }
     }

@@ -71,6 +71,7 @@ pub(super) fn blank(states: usize, inputs: usize, params: &[f64]) -> Model {
                 known: false,
                 measured: None,
                 computed: None,
+                held: false,
                 slope: None,
             })
             .collect(),

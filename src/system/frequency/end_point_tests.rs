@@ -118,6 +118,7 @@ fn simulated(model: &Model, theta: &[f64], held: bool, before: usize) -> Run {
         held: vec![held],
         measured: vec![0.0; n * q],
         input_gaps: vec![0],
+        stated: Vec::new(),
         output_gaps: vec![0; q],
     };
     let mut y = vec![0.0; n * q];

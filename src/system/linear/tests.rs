@@ -251,6 +251,7 @@ fn recorded_means_say_where_a_trim_is_looked_for() {
         held: vec![false],
         measured: vec![1.0, f64::NAN, 1.5],
         input_gaps: vec![0],
+        stated: Vec::new(),
         output_gaps: vec![1],
     };
     let mut linear = LinearModel::near(&model, &Recorded::of(model.definition(), &[run])).expect("a trim");

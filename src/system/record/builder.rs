@@ -27,6 +27,7 @@ pub struct RunBuilder<'m> {
     times: Vec<Samples<'m>>,
     signals: Vec<Samples<'m>>,
     held: Vec<String>,
+    linear: Vec<String>,
     known: Vec<(String, f64)>,
     begin: Option<f64>,
     unmeasured: bool,
@@ -90,7 +91,17 @@ impl<'m> RunBuilder<'m> {
     /// A run of this name, still without samples.
     pub fn new(model: &'m Model, name: impl Into<String>) -> Self {
         let (times, signals, held) = (Vec::new(), Vec::new(), Vec::new());
-        Self { model, name: name.into(), times, signals, held, known: Vec::new(), begin: None, unmeasured: false }
+        Self {
+            model,
+            name: name.into(),
+            times,
+            signals,
+            held,
+            linear: Vec::new(),
+            known: Vec::new(),
+            begin: None,
+            unmeasured: false,
+        }
     }
 
     /// Times of the samples (N), rising, in the model's time unit. The run begins at the first of them.
@@ -123,9 +134,16 @@ impl<'m> RunBuilder<'m> {
         self.kept(channel, unit, Values::Apart(samples))
     }
 
-    /// Keeps an input between samples at the earlier one; otherwise it is linear between samples.
+    /// Keeps an input between samples at the earlier one. Of what is neither held nor [`linear`](Self::linear) straight lines are assumed, and
+    /// a fit asks the record.
     pub fn zero_order_hold(mut self, input: &str) -> Self {
         self.held.push(input.into());
+        self
+    }
+
+    /// An input that is known to go in straight lines between samples.
+    pub fn linear(mut self, input: &str) -> Self {
+        self.linear.push(input.into());
         self
     }
 
@@ -202,7 +220,10 @@ impl<'m> RunBuilder<'m> {
         if !wanted.timed {
             derived::compare_not(&driven, m, &mut measured, q);
         }
-        let held: Vec<bool> = wanted.inputs.iter().map(|c| self.held.contains(&c.name)).collect();
+        let named = |list: &[String], c: &Channel| list.contains(&c.name);
+        let linear = |c: &Channel| named(&self.linear, c);
+        let held: Vec<bool> = wanted.inputs.iter().map(|c| named(&self.held, c) || c.held && !linear(c)).collect();
+        let stated = wanted.inputs.iter().zip(&held).map(|(c, held)| *held || c.known || linear(c)).collect();
         let bridged = |(k, of): (usize, &Census)| of.bridged(&time, &mut driven, (m, k), held[k]);
         let input_gaps = census.iter().enumerate().map(bridged).collect();
         let mut time = time;
@@ -215,6 +236,7 @@ impl<'m> RunBuilder<'m> {
             time,
             inputs: driven,
             held,
+            stated,
             measured,
         };
         run.completed(self.model)
@@ -242,7 +264,7 @@ impl<'m> RunBuilder<'m> {
         if self.times.len() > 1 {
             faults.push(RunFault::Twice { channel: "t".into() });
         }
-        for name in &self.held {
+        for name in self.held.iter().chain(&self.linear) {
             if wanted.inputs.iter().any(|c| c.name == *name) {
                 continue;
             }

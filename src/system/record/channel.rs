@@ -34,6 +34,8 @@ pub struct Channel {
     pub unit: Option<Unit>,
     /// Of an input: whether it is a value that the run brings, the same in all samples.
     pub known: bool,
+    /// Of an input: whether the model's text says that it is held between samples.
+    pub held: bool,
     /// Of an output: the period of an angle.
     pub wrap: Option<f64>,
 }
@@ -41,7 +43,7 @@ pub struct Channel {
 impl Channel {
     /// A channel that may change from sample to sample.
     pub fn new(name: impl Into<String>, unit: Option<Unit>) -> Self {
-        Self { name: name.into(), unit, known: false, wrap: None }
+        Self { name: name.into(), unit, known: false, held: false, wrap: None }
     }
 }
 
@@ -77,7 +79,7 @@ pub fn channels(model: &Model) -> Channels {
             .inputs
             .iter()
             .filter(|i| i.is_declared())
-            .map(|i| Channel { known: i.known, ..channel(&i.quantity) })
+            .map(|i| Channel { known: i.known, held: i.held, ..channel(&i.quantity) })
             .collect(),
         outputs: model.outputs.iter().map(|o| Channel { wrap: o.wrap, ..channel(&o.quantity) }).collect(),
         driving: model.inputs.iter().filter_map(|i| i.measured).map(|o| o as usize).collect(),

@@ -92,6 +92,8 @@ impl Run {
         }
         run.held.truncate(declared);
         run.held.resize(m, false);
+        run.stated.resize(declared, false);
+        run.stated.resize(m, true);
         run.input_gaps.truncate(declared);
         let hidden = vec![f64::NAN; m - declared];
         run.inputs =
@@ -344,6 +346,7 @@ mod tests {
             held: vec![true],
             measured: vec![10.0, NAN, NAN, 5.0, 40.0, 7.0],
             input_gaps: vec![0],
+            stated: Vec::new(),
             output_gaps: vec![1, 1],
         }
     }
@@ -389,6 +392,7 @@ mod tests {
             held: vec![held],
             measured: vec![10.0, 1.0, NAN, 2.0, 30.0, 3.0, 40.0, 4.0],
             input_gaps: vec![0],
+            stated: Vec::new(),
             output_gaps: vec![1, 0],
         }
     }
@@ -445,6 +449,7 @@ mod tests {
             held: vec![held],
             measured: vec![0.0, f64::NAN, 3.0],
             input_gaps: vec![0],
+            stated: Vec::new(),
             output_gaps: vec![1],
         }
     }

@@ -337,11 +337,21 @@ pub enum Fault {
     /// Two `--map` for one channel.
     #[error("--map names the channel `{0}` more than once")]
     MappedTwice(String),
-    /// `--zoh` of something that is not an input.
-    #[error("--zoh `{0}`: only inputs are held between samples, this is an output")]
-    NotAnInput(String),
-    /// `--zoh` of an input whose derivative the model takes.
-    #[error("--zoh `{0}`: an input that is held jumps, and the model takes its derivative `der({0})`")]
+    /// `--zoh` or `--linear` of something that is not an input.
+    #[error("{option} `{channel}`: only inputs go between samples, this is an output")]
+    NotAnInput {
+        /// The option.
+        option: &'static str,
+        /// What it names.
+        channel: String,
+    },
+    /// `--zoh` and `--linear` of one input.
+    #[error(
+        "--zoh `{0}` and --linear `{0}`: an input is held between samples or goes in straight lines; leave one of them out"
+    )]
+    HeldAndLinear(String),
+    /// A hold, by `--zoh` or the text, of an input whose derivative the model takes.
+    #[error("`{0}` held between samples: an input that is held jumps, and the model takes its derivative `der({0})`")]
     HeldDerivative(String),
     /// `--every 0`.
     #[error("--every 0 would use no sample, expected 1 or more")]

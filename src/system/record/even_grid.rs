@@ -63,18 +63,28 @@ impl EvenGrid {
         Ok(Self { interval, place })
     }
 
-    /// The grid of the samples of a run, whose first row may be its beginning: nothing is measured there, and the first interval need be no multiple of
-    /// the others.
+    /// The same for samples of which some are not compared (N), such as the edges of an input that was held on another clock: where they do
+    /// not fit the grid of the others, each has the place of the next one that is compared, behind which it is of no account.
     ///
     /// # Errors
-    /// As [`EvenGrid::of`], of the rows behind it.
-    pub fn of_run(time: &[f64]) -> Result<Self, NotEven> {
-        let (Err(NotEven::Uneven), [first, second, ..]) = (Self::of(time), time) else { return Self::of(time) };
-        let Self { interval, mut place } = Self::of(&time[1..])?;
-        let before = (((second - first) / interval).round() as usize).clamp(1, LONGEST_GAP);
-        place.iter_mut().for_each(|place| *place += before);
-        place.insert(0, 0);
-        Ok(Self { interval, place })
+    /// As [`Self::of`].
+    pub fn of_compared(time: &[f64], compared: impl Fn(usize) -> bool) -> Result<Self, NotEven> {
+        let own = Self::of(time);
+        if own != Err(NotEven::Uneven) {
+            return own;
+        }
+        let kept: Vec<usize> = (0..time.len()).filter(|k| compared(*k)).collect();
+        if kept.len() == time.len() {
+            return own;
+        }
+        let grid = Self::of(&kept.iter().map(|k| time[*k]).collect::<Vec<f64>>())?;
+        let (mut place, mut next) = (Vec::with_capacity(time.len()), 0);
+        for k in 0..time.len() {
+            // behind the last one there is nothing that they could be mistaken for
+            place.push(grid.place.get(next).copied().unwrap_or(grid.length()));
+            next += usize::from(kept.get(next) == Some(&k));
+        }
+        Ok(Self { place, ..grid })
     }
 
     /// As many places as there are samples, one apart: rows whose order is all that is known.
@@ -130,6 +140,15 @@ mod tests {
         // 30 Hz written with two decimals
         let rounded: Vec<f64> = (0..300).map(|k| (f64::from(k) / 30.0 * 100.0).round() / 100.0).collect();
         assert_eq!(EvenGrid::of(&rounded).map(|s| s.length()), Ok(300));
+    }
+
+    #[test]
+    fn edges_between_the_samples_do_not_make_them_uneven() {
+        let time = [0.0, 0.3, 1.0, 2.0, 2.05, 2.4, 3.0, 4.0, 4.1];
+        let compared = [true, false, true, true, false, false, true, true, false];
+        let grid = EvenGrid::of_compared(&time, |k| compared[k]).expect("even where compared");
+        assert_eq!((grid.interval, grid.place), (1.0, vec![0, 1, 1, 2, 3, 3, 3, 4, 5]));
+        assert_eq!(EvenGrid::of_compared(&time, |_| true), Err(NotEven::Uneven));
     }
 
     #[test]

@@ -183,6 +183,7 @@ impl Asked {
         run.inputs = inputs;
         for (k, _) in &self.given {
             run.held.insert(*k, false);
+            run.stated.insert(*k, true);
             run.input_gaps.insert(*k, 0);
             let before = usize::from(sources.first().is_some_and(|s| s.role == Role::Time));
             let channel = whole.inputs[*k].name.clone();

@@ -160,7 +160,7 @@ fn heading(field: &Field, is_time: bool) -> Heading {
 }
 
 fn of_taken(taken: Taken) -> Numbers {
-    let held = taken.columns.iter().filter(|c| c.hold).map(|c| c.name.clone()).collect();
+    let held = taken.columns.iter().filter_map(|c| Some((c.name.clone(), c.hold?))).collect();
     let plain = |name: &str, unit: Option<String>| Heading { title: name.into(), name: name.into(), unit };
     let time = taken.time.map(|time| (plain("t", Some("s".into())), time));
     let columns = taken.columns.into_iter().map(|c| (plain(&c.name, c.unit), c.values));

@@ -11,6 +11,7 @@ mod clock;
 mod derived;
 mod error;
 pub mod even_grid;
+mod holds;
 mod known;
 mod log;
 mod note;

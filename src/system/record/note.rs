@@ -35,6 +35,11 @@ pub enum Note {
         /// Samples that have it.
         samples: usize,
     },
+    /// An input that moves only at samples, all at once, about which nobody said how it goes between them.
+    TakenForHeld {
+        /// The input.
+        input: String,
+    },
     /// Samples that are not compared, because a column says so.
     Masked {
         /// The output.
@@ -123,6 +128,7 @@ impl Note {
             Self::Masked { .. } => "masked",
             Self::Unwrapped { .. } => "unwrapped",
             Self::Repeated { .. } => "repeated",
+            Self::TakenForHeld { .. } => "taken_for_held",
             Self::OpenEnd => "open_end",
             Self::Bridged { .. } => "bridged",
             Self::Taken(_) => "taken",
@@ -137,7 +143,7 @@ impl Note {
         match self {
             Self::UnitAssumed { channel, .. } | Self::Constant { channel, .. } => Some(channel),
             Self::NotMeasured { output } | Self::Masked { output, .. } | Self::Unwrapped { output, .. } => Some(output),
-            Self::Bridged { input, .. } => Some(input),
+            Self::Bridged { input, .. } | Self::TakenForHeld { input } => Some(input),
             _ => None,
         }
     }
@@ -161,6 +167,12 @@ impl fmt::Display for Note {
             Self::NotMeasured { output } => write!(f, "the output `{output}` is not measured in this run"),
             Self::Constant { role, channel, value, samples } => {
                 write!(f, "the {role} `{channel}` never changes: {value} in all {samples} samples")
+            }
+            Self::TakenForHeld { input } => {
+                write!(
+                    f,
+                    "the input `{input}` moves only at samples, all at once: it is taken for held between them (`--linear {input}` for straight lines)"
+                )
             }
             Self::Masked { output, column, samples } => {
                 write!(f, "{samples} value(s) of the output `{output}` are not compared: column `{column}` says so")

@@ -22,6 +22,9 @@ pub struct ReadOptions {
     pub every: usize,
     /// Inputs that keep their value until the next sample.
     pub hold: Vec<String>,
+    /// Inputs that go in straight lines between samples, whatever their samples look like.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub linear: Vec<String>,
     /// Whether every output must have a column with values, in some run at least; otherwise missing ones are all NaN.
     pub require_outputs: bool,
     /// Outputs that are left out: all NaN, whether the file has a column for them or not.
@@ -91,6 +94,7 @@ impl Default for ReadOptions {
             begin: None,
             every: 1,
             hold: Vec::new(),
+            linear: Vec::new(),
             require_outputs: true,
             without: Vec::new(),
             any_size: false,

@@ -4,6 +4,7 @@
 use super::beginning::Lead;
 use super::channel::{Channel, Channels, Demand, Plan, Role, Source};
 use super::error::{Fault, Names, Problem, RecordError};
+use super::holds::Holds;
 use super::note::Note;
 use super::options::ReadOptions;
 use super::run::Run;
@@ -132,10 +133,10 @@ fn assemble(
     notes.extend(samples.repeated.map(|(rows, line)| Note::Repeated { rows, line }));
     notes.extend((!table.ended).then_some(Note::OpenEnd));
     let (rows, dialect) = (samples.rows, Dialect { delimiter: table.delimiter, decimal: samples.decimal() });
-    let mut held = options.hold.clone();
-    held.extend(table.numbers.iter().flat_map(|n| n.held.iter().cloned()));
+    let mapped = table.numbers.as_ref().map_or(&[][..], |n| &n.held);
+    let holds = Holds::of(channels, options, mapped, &samples.inputs, &mut notes);
     known::unwrapped(&mut samples.measured, &channels.outputs, &mut notes);
-    let mut run = finish(name, samples, &plan, channels, (&held, &lead), &mut notes)?;
+    let mut run = finish(name, samples, &plan, channels, (holds, &lead), &mut notes)?;
     known::same_in_all(&run, channels).map_err(|problem| vec![problem])?;
     let names: Vec<_> = names(channels).collect();
     // of what is only simulated no squares are taken
@@ -172,21 +173,33 @@ fn check_options(channels: &Channels, options: &ReadOptions) -> Vec<Problem> {
     if from.is_nan() || to.is_nan() || from > to {
         problems.push(Fault::Window { from: from.to_string(), to: to.to_string() }.anywhere());
     }
-    for held in &options.hold {
+    for (option, held) in
+        options.hold.iter().map(|n| ("--zoh", n)).chain(options.linear.iter().map(|n| ("--linear", n)))
+    {
+        if option == "--linear" && options.hold.contains(held) {
+            problems.push(Fault::HeldAndLinear(held.clone()).anywhere());
+            continue;
+        }
         if let Some(k) = channels.inputs.iter().position(|c| c.name == *held) {
-            if channels.slopes.iter().any(|s| s.of as usize == k) {
+            if option == "--zoh" && channels.slopes.iter().any(|s| s.of as usize == k) {
                 problems.push(Fault::HeldDerivative(held.clone()).anywhere());
             }
             continue;
         }
         if channels.outputs.iter().any(|c| c.name == *held) {
-            problems.push(Fault::NotAnInput(held.clone()).anywhere());
+            problems.push(Fault::NotAnInput { option, channel: held.clone() }.anywhere());
             continue;
         }
         let inputs = || channels.inputs.iter().map(|c| c.name.as_str());
         let hint = nearest(held, inputs()).map(|n| format!("did you mean `{n}`?"));
-        let fault = Fault::UnknownChannel { option: "--zoh", channel: held.clone(), channels: Names::new(inputs()) };
+        let fault = Fault::UnknownChannel { option, channel: held.clone(), channels: Names::new(inputs()) };
         problems.push(fault.anywhere().maybe_hint(hint));
+    }
+    for (k, channel) in channels.inputs.iter().enumerate().filter(|(_, c)| c.held && !options.linear.contains(&c.name))
+    {
+        if channels.slopes.iter().any(|s| s.of as usize == k) {
+            problems.push(Fault::HeldDerivative(channel.name.clone()).anywhere());
+        }
     }
     for name in &options.without {
         if channels.drives(name) {
@@ -245,7 +258,7 @@ fn finish(
     samples: Samples,
     plan: &Plan,
     channels: &Channels,
-    (held, lead): (&[String], &Lead),
+    (holds, lead): (Holds, &Lead),
     notes: &mut Vec<Note>,
 ) -> Result<Run, Vec<Problem>> {
     let Samples { time, inputs, mut measured, .. } = samples;
@@ -259,8 +272,9 @@ fn finish(
     let (declared, q) = (plan.inputs.len(), plan.outputs.len());
     let mut inputs = derived::beside(time.len(), (&inputs, declared), declared, (&measured, q), &channels.driving);
     let m = declared + channels.driving.len();
-    let mut held: Vec<_> = channels.inputs.iter().map(|c| held.contains(&c.name)).collect();
+    let Holds { mut held, mut stated } = holds;
     held.resize(m, false);
+    stated.resize(m, true);
     let output_gaps = (0..q).map(|k| measured.iter().skip(k).step_by(q).filter(|v| v.is_nan()).count()).collect();
     if !channels.timed {
         derived::compare_not(&inputs, m, &mut measured, q);
@@ -277,9 +291,10 @@ fn finish(
     for (k, slope) in channels.slopes.iter().enumerate() {
         derived::fill_slopes(&time, &mut inputs, width, m + k, *slope);
         held.push(!slope.shown);
+        stated.push(true);
         input_gaps.push(input_gaps[slope.of as usize]);
     }
-    Ok(Run { name, time, inputs, held, measured, input_gaps, output_gaps })
+    Ok(Run { name, time, inputs, held, measured, input_gaps, stated, output_gaps })
 }
 
 /// Channels of which squares overflow, or vanish beside none that do not.

@@ -15,6 +15,9 @@ pub struct Run {
     pub inputs: Vec<f64>,
     /// Whether an input keeps its value until the next sample (m); otherwise it is linear between samples.
     pub held: Vec<bool>,
+    /// Whether somebody said how an input goes between samples (m): the model's text, a map or an option. Where nobody did (all that are missing
+    /// here), [`Self::held`] is what was assumed.
+    pub stated: Vec<bool>,
     /// Measured outputs, one row per sample (N by q), in the model's units; NaN where nothing is to be compared.
     pub measured: Vec<f64>,
     /// Cells of each input that were empty (m).
@@ -32,6 +35,42 @@ impl Run {
     /// Whether there is no sample.
     pub fn is_empty(&self) -> bool {
         self.time.is_empty()
+    }
+
+    /// Whether somebody said how an input (by index) goes between samples.
+    pub fn is_stated(&self, input: usize) -> bool {
+        self.stated.get(input).is_some_and(|stated| *stated)
+    }
+
+    /// Whether any output has a value in a sample (by index).
+    pub fn is_compared(&self, sample: usize) -> bool {
+        let q = self.output_gaps.len();
+        self.measured[sample * q..(sample + 1) * q].iter().any(|v| !v.is_nan())
+    }
+
+    /// The run without the samples in which nothing was measured, where the others are sampled evenly and all together are not: the edges of
+    /// inputs that were held on another clock. What needs even samples takes such inputs at the samples of the outputs.
+    pub fn at_outputs(&self) -> std::borrow::Cow<'_, Self> {
+        use super::even_grid::{EvenGrid, NotEven};
+        let n = self.len();
+        if EvenGrid::of(&self.time) != Err(NotEven::Uneven) || (0..n).all(|k| self.is_compared(k)) {
+            return std::borrow::Cow::Borrowed(self);
+        }
+        let kept: Vec<usize> = (0..n).filter(|k| self.is_compared(*k)).collect();
+        let time: Vec<f64> = kept.iter().map(|k| self.time[*k]).collect();
+        if EvenGrid::of(&time).is_err() {
+            return std::borrow::Cow::Borrowed(self);
+        }
+        let rows = |values: &[f64], width: usize| -> Vec<f64> {
+            kept.iter().flat_map(|k| values[k * width..(k + 1) * width].iter().copied()).collect()
+        };
+        let (m, q) = (self.inputs.len() / n, self.measured.len() / n);
+        std::borrow::Cow::Owned(Self {
+            time,
+            inputs: rows(&self.inputs, m),
+            measured: rows(&self.measured, q),
+            ..self.clone()
+        })
     }
 
     /// Whether an output (by index) has a value in any sample.
@@ -120,6 +159,7 @@ impl Run {
             time: self.time.clone(),
             inputs: columns(&self.inputs, m, inputs),
             held: inputs.iter().map(|i| self.held[*i]).collect(),
+            stated: inputs.iter().map(|i| self.is_stated(*i)).collect(),
             measured: columns(&self.measured, q, outputs),
             input_gaps: inputs.iter().map(|i| self.input_gaps[*i]).collect(),
             output_gaps: outputs.iter().map(|o| self.output_gaps[*o]).collect(),
@@ -221,6 +261,7 @@ mod tests {
             time: vec![0.0, 1.0, 3.0],
             inputs: vec![1.0, 10.0, 2.0, 20.0, 6.0, 30.0],
             held: vec![false, true],
+            stated: Vec::new(),
             measured: Vec::new(),
             input_gaps: vec![0, 0],
             output_gaps: Vec::new(),

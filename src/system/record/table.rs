@@ -34,11 +34,11 @@ pub(crate) struct Numbers {
     /// By column; all of one length.
     pub(crate) columns: Vec<Vec<f64>>,
     /// Channels whose values hold until the next.
-    pub(crate) held: Vec<String>,
+    pub(crate) held: Vec<(String, bool)>,
 }
 
 impl Numbers {
-    pub(crate) fn new(columns: Vec<(Heading, Vec<f64>)>, held: Vec<String>) -> Self {
+    pub(crate) fn new(columns: Vec<(Heading, Vec<f64>)>, held: Vec<(String, bool)>) -> Self {
         let (headings, columns) = columns.into_iter().unzip();
         Self { headings, columns, held }
     }

@@ -421,6 +421,7 @@ fn a_model_says_what_it_wants() {
             known: false,
             measured: None,
             computed: None,
+            held: false,
             slope: None,
         }],
         states: Vec::new(),

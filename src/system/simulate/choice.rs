@@ -596,6 +596,7 @@ mod tests {
             held: vec![false],
             measured: vec![0.0; time.len()],
             input_gaps: vec![0],
+            stated: Vec::new(),
             output_gaps: vec![0],
             time,
         };
@@ -620,6 +621,7 @@ mod tests {
             inputs: Vec::new(),
             held: Vec::new(),
             input_gaps: Vec::new(),
+            stated: Vec::new(),
         };
         let theta = model.definition().start();
         let chosen = choose_steps(model.dynamics(), &run, &theta, &StepOptions::default()).unwrap();
@@ -647,6 +649,7 @@ mod tests {
             inputs: Vec::new(),
             held: Vec::new(),
             input_gaps: Vec::new(),
+            stated: Vec::new(),
         };
         let theta = model.definition().start();
         let dynamics = model.dynamics();
@@ -682,7 +685,7 @@ mod tests {
         let time = vec![0.0, 0.04, 0.4, 4.0, 40.0, 400.0, 4e3, 4e4];
         let (measured, output_gaps) = (vec![0.0; 2 * time.len()], vec![0, 0]);
         let (name, inputs, held, input_gaps) = ("a".into(), Vec::new(), Vec::new(), Vec::new());
-        let run = Run { name, inputs, held, measured, input_gaps, output_gaps, time };
+        let run = Run { name, inputs, held, measured, input_gaps, stated: Vec::new(), output_gaps, time };
         for k in [0.03, 0.04, 0.045, 0.05, 0.055, 0.06, 0.1] {
             let chosen = choose_steps(model.dynamics(), &run, &[k], &StepOptions::default()).unwrap();
             assert!(chosen.error < 1e-6 && chosen.steps.total(run.len()) < 500, "{k} {chosen:?}");
@@ -698,7 +701,7 @@ mod tests {
         let time = vec![0.0, 1e2, 1e4];
         let (measured, output_gaps) = (vec![0.0; time.len()], vec![0]);
         let (name, inputs, held, input_gaps) = ("a".into(), Vec::new(), Vec::new(), Vec::new());
-        let run = Run { name, inputs, held, measured, input_gaps, output_gaps, time };
+        let run = Run { name, inputs, held, measured, input_gaps, stated: Vec::new(), output_gaps, time };
         let theta = model.definition().start();
         let asked = std::cell::Cell::new(0);
         let choose = |most: usize| {
@@ -733,6 +736,7 @@ mod tests {
             held: vec![false],
             measured: vec![0.0; time.len()],
             input_gaps: vec![0],
+            stated: Vec::new(),
             output_gaps: vec![0],
             time,
         };

@@ -257,6 +257,7 @@ fn units() -> Run {
         measured: Vec::new(),
         held: (0..2 * TAPS).map(|unit| unit >= TAPS).collect(),
         input_gaps: vec![0; 2 * TAPS],
+        stated: Vec::new(),
         output_gaps: Vec::new(),
     }
 }
@@ -270,7 +271,16 @@ mod tests {
     fn run(held: bool) -> Run {
         let (time, inputs) = (vec![0.0, 1.0, 2.5, 3.0], vec![1.0, 3.0, -1.0, 2.0]);
         let (held, measured) = (vec![held], Vec::new());
-        Run { name: "r".into(), time, inputs, held, measured, input_gaps: vec![0], output_gaps: Vec::new() }
+        Run {
+            name: "r".into(),
+            time,
+            inputs,
+            held,
+            measured,
+            input_gaps: vec![0],
+            stated: Vec::new(),
+            output_gaps: Vec::new(),
+        }
     }
 
     const RULES: [Scheme; 2] = [Scheme::RungeKutta, Scheme::Radau];
@@ -357,6 +367,7 @@ mod tests {
                 held: vec![held],
                 measured: Vec::new(),
                 input_gaps: vec![0],
+                stated: Vec::new(),
                 output_gaps: Vec::new(),
                 time: time.clone(),
             };
@@ -393,7 +404,16 @@ mod tests {
         let time: Vec<f64> = (0..60).map(|k| dt * (f64::from(k) + if k == 59 { uneven } else { 0.0 })).collect();
         let inputs = (0..60).map(|k| [0.0, 1.0, -0.5, 2.0, 0.3][k / 7 % 5]).collect();
         let (measured, input_gaps, output_gaps) = (vec![0.0; 60], vec![0], vec![0]);
-        let run = Run { name: "r".into(), inputs, held: vec![held], measured, input_gaps, output_gaps, time };
+        let run = Run {
+            name: "r".into(),
+            inputs,
+            held: vec![held],
+            measured,
+            input_gaps,
+            stated: Vec::new(),
+            output_gaps,
+            time,
+        };
         let mut simulator = Simulator::new(model.dynamics(), &run, 1).expect("suited");
         let place = model.definition().params.iter().position(|p| p.quantity.name == "tau").expect("a delay");
         let mut theta = model.definition().start();

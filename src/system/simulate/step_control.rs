@@ -348,7 +348,7 @@ mod tests {
         let time: Vec<f64> = (0..50).map(f64::from).collect();
         let (measured, output_gaps) = (vec![0.0; time.len()], vec![0]);
         let (name, inputs, held, input_gaps) = ("a".into(), Vec::new(), Vec::new(), Vec::new());
-        let run = Run { name, inputs, held, measured, input_gaps, output_gaps, time };
+        let run = Run { name, inputs, held, measured, input_gaps, stated: Vec::new(), output_gaps, time };
         let theta = model.definition().start();
         let largest = |most: usize| {
             let mut probe = Probe::new(model.dynamics(), &run, &theta, Scheme::Radau);

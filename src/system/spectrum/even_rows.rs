@@ -41,6 +41,7 @@ impl EvenRows {
     /// # Errors
     /// Too few samples, or intervals that are no multiples of one.
     pub(super) fn of(run: &Run) -> Result<Self, SpectrumError> {
+        let run = &*run.at_outputs();
         let few = SpectrumError::TooFewSamples { found: run.len(), needed: FEWEST };
         let grid = match EvenGrid::of(&run.time) {
             Ok(_) if run.len() < FEWEST => return Err(few),

@@ -19,6 +19,7 @@ fn run(dt: f64, inputs: &[Vec<f64>], held: bool, outputs: &[Vec<f64>]) -> Run {
         held: vec![held; inputs.len()],
         measured: rows(outputs),
         input_gaps: vec![0; inputs.len()],
+        stated: Vec::new(),
         output_gaps: vec![0; outputs.len()],
     }
 }
@@ -377,6 +378,7 @@ fn two_by_two(samples: usize, noise: f64, seed: u64) -> Run {
         held: vec![true; 2],
         measured,
         input_gaps: vec![0; 2],
+        stated: Vec::new(),
         output_gaps: vec![0; 2],
     }
 }
@@ -497,6 +499,7 @@ fn a_sweep_shows_a_mode() {
         held: vec![true],
         measured,
         input_gaps: vec![0],
+        stated: Vec::new(),
         output_gaps: vec![0],
     };
     let band = Frequencies::Band { lowest: 0.1, highest: 1.5, spacing: Some(0.02) };

@@ -98,6 +98,7 @@ fn rearranged(flight: &Run, inputs: &[Channel], outputs: &[usize]) -> Run {
         held: vec![false; inputs.len()],
         measured: (0..flight.len()).flat_map(|k| outputs.iter().map(move |o| value(k, &Channel::Shown(*o)))).collect(),
         input_gaps: vec![0; inputs.len()],
+        stated: Vec::new(),
         output_gaps: vec![0; outputs.len()],
     }
 }

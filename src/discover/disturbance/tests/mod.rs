@@ -259,6 +259,7 @@ fn record(run: usize, n: usize, interval: f64, inputs: Vec<f64>, m: usize, q: us
         held: vec![false; m],
         measured: vec![0.0; n * q],
         input_gaps: vec![0; m],
+        stated: Vec::new(),
         output_gaps: vec![0; q],
     }
 }

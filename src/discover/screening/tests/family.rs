@@ -137,6 +137,7 @@ impl Family {
                 held: vec![false; inputs],
                 measured: vec![0.0; samples * q],
                 input_gaps: vec![0; inputs],
+                stated: Vec::new(),
                 output_gaps: vec![0; q],
             };
             let mut simulator = Simulator::new(model.dynamics(), &record, 4).unwrap();

@@ -49,6 +49,7 @@ fn run(outputs: usize) -> Run {
         held: vec![false, true],
         measured: vec![f64::NAN; outputs * n],
         input_gaps: vec![0; 2],
+        stated: Vec::new(),
         output_gaps: vec![0; outputs],
     }
 }

@@ -11,7 +11,7 @@ use crate::simulate::{Scheme, Simulator, StepOptions, Steps, choose_steps};
 pub(super) fn run(time: Vec<f64>, outputs: usize) -> Run {
     let measured = vec![f64::NAN; time.len() * outputs];
     let (inputs, held, input_gaps, output_gaps) = (Vec::new(), Vec::new(), Vec::new(), vec![0; outputs]);
-    Run { name: "r".into(), time, inputs, held, measured, input_gaps, output_gaps }
+    Run { name: "r".into(), time, inputs, held, measured, input_gaps, stated: Vec::new(), output_gaps }
 }
 
 pub(super) fn model(text: &str) -> Model {

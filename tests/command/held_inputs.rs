@@ -1,0 +1,176 @@
+//! Inputs that were held between samples: stated, taken where they move at samples, else told by the likelihood. Records in closed form, or by a
+//! Runge-Kutta integrator of their own.
+
+use support::Desk;
+use support::command::{printed, said};
+
+const LAG: &str = "model lag { input u; state x = free; param T = 1 in [0.01, 20] [s], k = 1, b = 0; der(x) = (k*u - x)/T; \
+                   output y = x + b; }\n";
+const STEP: f64 = 0.05;
+
+/// Sums of uniform numbers: normal enough.
+struct Noise(u64);
+
+impl Noise {
+    fn next(&mut self) -> f64 {
+        let mut uniform = || {
+            self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (self.0 >> 11) as f64 / (1u64 << 53) as f64
+        };
+        (0..12).map(|_| uniform()).sum::<f64>() - 6.0
+    }
+}
+
+/// A lag of 0.4 s and gain 2 behind an input that is held or straight between samples.
+fn record(u: &[f64], held: bool, seed: u64) -> String {
+    let (mut x, mut noise, decay) = (2.0 * u[0], Noise(seed), (-STEP / 0.4_f64).exp());
+    let mut text = String::from("t [s],u,y\n");
+    for (k, value) in u.iter().enumerate() {
+        text += &format!("{},{value:.6},{:.6}\n", STEP * k as f64, x + 0.02 * noise.next());
+        let rise = if held { 0.0 } else { u.get(k + 1).map_or(0.0, |next| next - value) };
+        x = x * decay + 2.0 * (value * (1.0 - decay) + rise * (1.0 - 0.4 / STEP * (1.0 - decay)));
+    }
+    text
+}
+
+fn smooth() -> Vec<f64> {
+    (0..600).map(|k| (0.11 * f64::from(k)).sin() + 0.6 * (0.037 * f64::from(k) + 1.0).sin()).collect()
+}
+
+fn three_two_one_one() -> Vec<f64> {
+    let level = |k: u32| match k % 300 {
+        40..=99 | 140..=159 => 1.0,
+        100..=139 | 160..=179 => -1.0,
+        _ => 0.0,
+    };
+    (0..600).map(level).collect()
+}
+
+/// What `fdm fit` prints and says.
+fn fitted(desk: &Desk, words: &str) -> (String, String) {
+    let output = desk.fdm(&format!("fit {words}"));
+    assert_eq!(output.status.code(), Some(0), "{words}: {}", said(&output));
+    (printed(&output), said(&output))
+}
+
+/// The value of a parameter in a table.
+fn value(table: &str, name: &str) -> f64 {
+    let row = table.lines().find(|line| line.split_whitespace().next() == Some(name)).expect("a row of its own");
+    row.split_whitespace().nth(1).and_then(|v| v.parse().ok()).expect("a number")
+}
+
+fn desk() -> Desk {
+    let desk = Desk::with([("lag.fdm", LAG), ("said.fdm", &LAG.replace("input u;", "input u held;")[..])]);
+    desk.write("held.csv", record(&smooth(), true, 3));
+    desk.write("straight.csv", record(&smooth(), false, 4));
+    desk.write("steps.csv", record(&three_two_one_one(), true, 5));
+    desk.write("ramps.csv", record(&three_two_one_one(), false, 6));
+    desk
+}
+
+#[test]
+fn a_hold_that_nobody_stated_is_the_first_remark_with_its_repair() {
+    let desk = desk();
+    let (table, _) = fitted(&desk, "lag.fdm --data held.csv");
+    let remark = table.lines().find(|l| l.contains("the record says")).expect("a remark");
+    assert!(
+        remark.contains("`u` went held between samples") && remark.contains("`--zoh u`, `input u held;`"),
+        "{remark}"
+    );
+    let first =
+        table.lines().skip_while(|l| !l.trim_start().starts_with("y ")).find(|l| l.contains(": ") || l.contains("; "));
+    assert_eq!(first, Some(remark), "{table}");
+    assert!((value(&table, "T") - 0.4).abs() > 0.01, "half a sample late: {table}");
+    for words in ["lag.fdm --data held.csv --zoh u", "said.fdm --data held.csv"] {
+        let (table, _) = fitted(&desk, words);
+        assert!((value(&table, "T") - 0.4).abs() < 0.005 && !table.contains("the record says"), "{words}: {table}");
+    }
+    let json = printed(&desk.fdm("fit lag.fdm --data held.csv --json"));
+    assert!(json.contains("\"interpolations\"") && json.contains("\"evidence\""), "{json}");
+}
+
+#[test]
+fn straight_lines_are_not_doubted() {
+    let desk = desk();
+    let (table, said) = fitted(&desk, "lag.fdm --data straight.csv --verbose");
+    assert!((value(&table, "T") - 0.4).abs() < 0.005, "{table}");
+    assert!(!table.contains("held") && !said.contains("held"), "{table} {said}");
+}
+
+#[test]
+fn what_moves_at_samples_is_taken_for_held_and_doubted_all_the_same() {
+    let desk = desk();
+    let (table, notes) = fitted(&desk, "lag.fdm --data steps.csv");
+    assert!(notes.contains("`u` moves only at samples, all at once") && notes.contains("`--linear u`"), "{notes}");
+    assert!((value(&table, "T") - 0.4).abs() < 0.005 && !table.contains("the record says"), "{table}");
+    let (table, notes) = fitted(&desk, "lag.fdm --data ramps.csv");
+    assert!(notes.contains("taken for held"), "{notes}");
+    assert!(
+        table.contains("`u` went in straight lines, not held") && table.contains("say so: `--linear u`"),
+        "{table}"
+    );
+    let (table, notes) = fitted(&desk, "lag.fdm --data ramps.csv --linear u");
+    assert!((value(&table, "T") - 0.4).abs() < 0.005 && !notes.contains("taken for held"), "{table} {notes}");
+    desk.write("map.toml", "[channel.u]\nfrom = \"u\"\nhold = false\n[channel.y]\nfrom = \"y\"\n".to_string());
+    let (table, notes) = fitted(&desk, "lag.fdm --data ramps.csv --map-file map.toml");
+    assert!((value(&table, "T") - 0.4).abs() < 0.005 && !notes.contains("taken for held"), "{table} {notes}");
+}
+
+/// A single-track car, steered and driven by inputs that a controller holds for 20 ms.
+#[test]
+fn the_inertia_of_a_car_whose_steering_was_held() {
+    let (cf, cr, iz, h) = (8.5e4, 1.2e5, 2500.0, 0.02);
+    let rates = |x: [f64; 2], v: f64, d: f64| {
+        let (front, rear) = (d - (x[0] + 1.2 * x[1]) / v, -(x[0] - 1.5 * x[1]) / v);
+        let side = cf * front + cr * rear;
+        ([side / 1600.0 - v * x[1], (1.2 * cf * front - 1.5 * cr * rear) / iz], side / 1600.0)
+    };
+    let (mut x, mut noise) = ([0.0; 2], Noise(11));
+    let mut text = String::from("t [s],d [rad],v [m/s],r_m [rad/s],a_m [m/s^2]\n");
+    for k in 0..1500 {
+        let t = h * f64::from(k);
+        let (v, d) = (21.0 + 1.5 * (0.2 * t).sin(), 0.04 * (6.28 * (0.2 + 0.03 * t) * t).sin());
+        let (_, a) = rates(x, v, d);
+        text += &format!("{t:.2},{d:.7},{v:.5},{:.7},{:.6}\n", x[1] + 0.002 * noise.next(), a + 0.05 * noise.next());
+        for _ in 0..8 {
+            let s = h / 8.0;
+            let moved = |by: [f64; 2], s: f64| [x[0] + s * by[0], x[1] + s * by[1]];
+            let k1 = rates(x, v, d).0;
+            let k2 = rates(moved(k1, s / 2.0), v, d).0;
+            let k3 = rates(moved(k2, s / 2.0), v, d).0;
+            let k4 = rates(moved(k3, s), v, d).0;
+            (0..2).for_each(|i| x[i] += s / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i]));
+        }
+    }
+    let model = "model car { input d [rad], v [m/s]; state vy = free [m/s], r = free [rad/s]; \
+                 param Cf = 6e4 [N/rad], Cr = 6e4 [N/rad], Iz = 2000 [kg*m^2]; const m = 1600 [kg], lf = 1.2 [m], lr = 1.5 [m]; \
+                 let af = d - (vy + lf*r)/v; let ar = -(vy - lr*r)/v; der(vy) = (Cf*af + Cr*ar)/m - v*r; \
+                 der(r) = (lf*Cf*af - lr*Cr*ar)/Iz; output r_m [rad/s] = r, a_m [m/s^2] = (Cf*af + Cr*ar)/m; }\n";
+    let desk = Desk::with([("car.fdm", model)]);
+    desk.write("run.csv", text);
+    let (table, _) = fitted(&desk, "car.fdm --data run.csv");
+    assert!(table.contains("the record says that `d` went held between samples"), "{table}");
+    assert!(!table.contains("`v` went held"), "{table}");
+    let (table, _) = fitted(&desk, "car.fdm --data run.csv --zoh d");
+    for (name, truth) in [("Cf", cf), ("Cr", cr), ("Iz", iz)] {
+        assert!((value(&table, name) / truth - 1.0).abs() < 0.01, "{name}: {table}");
+    }
+}
+
+#[test]
+fn a_hold_is_said_of_inputs_once_and_shown() {
+    let desk = desk();
+    let refused = |words: &str| {
+        let output = desk.fdm(words);
+        assert_eq!(output.status.code(), Some(2), "{words}");
+        said(&output)
+    };
+    let both = refused("fit lag.fdm --data held.csv --zoh u --linear u");
+    assert!(both.contains("leave one of them out"), "{both}");
+    assert!(refused("fit lag.fdm --data held.csv --linear y").contains("--linear `y`: only inputs"));
+    desk.write("wrong.fdm", LAG.replace("k = 1,", "k = 1 held,"));
+    assert!(refused("check wrong.fdm").contains("only inputs go between samples"));
+    desk.write("slope.fdm", LAG.replace("input u;", "input u held;").replace("(k*u", "(k*u + 0*der(u)"));
+    assert!(refused("fit slope.fdm --data held.csv").contains("takes its derivative"));
+    assert!(printed(&desk.fdm("show said.fdm")).contains("input, held"));
+}
