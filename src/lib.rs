@@ -232,9 +232,9 @@ pub use fdm_system::simulate::Simulator;
 /// # Example
 ///
 /// ```
-/// use fdm::{Steps, simulate::{Scheme, choose_steps}};
+/// use fdm::{Steps, simulate::{Scheme, StepOptions, choose_steps}};
 /// let (model, runs) = fdm::example::decay()?;
-/// let chosen = choose_steps(model.dynamics(), &runs[0], &[0.5])?;
+/// let chosen = choose_steps(model.dynamics(), &runs[0], &[0.5], &StepOptions::default())?;
 /// assert!(chosen.error < 1e-8); // as a part of the output's range
 /// assert_eq!(Steps::equal(Scheme::RungeKutta, 4).per_interval(), Some(4));
 /// # Ok::<(), Box<dyn std::error::Error>>(())

@@ -2,7 +2,7 @@
 
 use fdm::Model;
 use fdm::record::Run;
-use fdm::simulate::{Scheme, Simulator, Steps, choose_steps};
+use fdm::simulate::{Scheme, Simulator, StepOptions, Steps, choose_steps};
 use std::time::Instant;
 
 /// A reaction front that diffuses through a line of cells: stiff by the number of cells squared. `far` couples every cell to the first,
@@ -50,7 +50,7 @@ fn cost_by_size() {
             };
             let theta = model.definition().start();
             let begin = Instant::now();
-            let chosen = choose_steps(model.dynamics(), &run, &theta).unwrap();
+            let chosen = choose_steps(model.dynamics(), &run, &theta, &StepOptions::default()).unwrap();
             let choosing = begin.elapsed();
             let timed = |steps: &Steps| {
                 let mut simulator = Simulator::new(model.dynamics(), &run, steps.clone()).unwrap();

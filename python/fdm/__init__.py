@@ -29,6 +29,7 @@ from ._errors import (
     RecordError,
     ResultWarning,
     RunError,
+    SampleError,
     UnknownOption,
     UnreadableError,
 )
@@ -79,6 +80,7 @@ __all__ = [
     "ResultWarning",
     "Run",
     "RunError",
+    "SampleError",
     "RunTable",
     "Signal",
     "Spectra",

@@ -140,6 +140,13 @@ class InputError(Error, ValueError):
         self.place, self.hint = _quoted(self.reasons[0]) if self.reasons else None, _hint(str(self))
 
 
+class SampleError(InputError, TypeError):
+    """Samples in memory that are no numbers, such as a column of text."""
+
+    def __init__(self, said: str):
+        super().__init__([said])
+
+
 class OptionError(Error, ValueError):
     """A value that an option does not take."""
 

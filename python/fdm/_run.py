@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _fdm
-from ._errors import InputError, UnknownOption
+from ._errors import InputError, SampleError, UnknownOption
 from ._options import listed, words
 
 if TYPE_CHECKING:
@@ -352,14 +352,20 @@ def _numbers(channel: str, samples: Any) -> tuple[NDArray[np.float64], bool]:
         kind = getattr(samples, "dtype", None)
         # numbers that may be missing
         samples = samples.to_numpy(dtype=float, na_value=np.nan) if _is_extension(kind) else samples.to_numpy()
+    # what is masked was not measured
+    hidden = np.ma.getmaskarray(samples) if isinstance(samples, np.ma.MaskedArray) else None
     values = np.asarray(samples)
+    if hidden is not None and hidden.any() and values.dtype.kind in "mM":
+        raise InputError([f"the samples of `{channel}` are times, some of which are masked: leave these rows out"])
     if values.dtype.kind in "mM":
         first = values[:1] if values.dtype.kind == "M" else np.zeros(1, values.dtype)
         return ((values - first) / np.timedelta64(1, "ns")).astype(float) * 1e-9, True
     try:
         values = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError) as e:
-        raise TypeError(f"the samples of `{channel}` are no numbers: {e}") from None
+        raise SampleError(f"the samples of `{channel}` are no numbers: {e}") from None
+    if hidden is not None:
+        values = np.where(hidden, np.nan, values)
     if values.ndim != 1:
         raise ValueError(f"the samples of `{channel}` have the shape {values.shape}, expected one number for each time")
     return values, False

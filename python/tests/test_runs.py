@@ -149,6 +149,8 @@ def test_wrong_samples_are_refused_by_name(decay):
     t = np.arange(5.0)
     with pytest.raises(TypeError, match="`y` are no numbers"):
         fdm.Run(t=t, outputs={"y": ["a"] * 5})
+    with pytest.raises(fdm.Error, match="`y` are no numbers"):
+        fdm.Run({"t": t, "y": np.array(["a"] * 5)})
     with pytest.raises(ValueError, match=r"`y` have the shape \(5, 2\)"):
         fdm.Run(t=t, outputs={"y": np.zeros((5, 2))})
     with pytest.raises(fdm.RunError) as caught:
@@ -160,3 +162,16 @@ def test_wrong_samples_are_refused_by_name(decay):
         fdm.Run({"t": t, "y": t}, map={"y": "speed"})
     with pytest.raises(TypeError, match="a file has its own"):
         fdm.Run("a.csv", t=t)
+
+
+def test_what_is_masked_was_not_measured(decay):
+    t = 0.1 * np.arange(60.0)
+    y = 3 * np.exp(-0.8 * t)
+    bad = np.arange(60) % 7 == 3
+    masked = np.ma.array(np.where(bad, 1e6, y), mask=bad)
+    missing = np.where(bad, np.nan, y)
+    assert np.array_equal(fdm.Run(t=t, outputs={"y": masked})["y"], missing, equal_nan=True)
+    assert np.array_equal(fdm.Run(t=t, outputs={"y": (masked, "1")})["y"], missing, equal_nan=True)
+    assert np.array_equal(fdm.Run(t=t, outputs={"y": np.ma.array(y)})["y"], y)
+    with pytest.raises(fdm.Error, match="some of which are masked"):
+        fdm.Run(t=np.ma.array(np.arange(60).astype("datetime64[s]"), mask=bad), outputs={"y": y})

@@ -1,6 +1,6 @@
 //! Bands of what a result predicts: by the errors of the parameters, and by these and the noise.
 
-use fdm_estimate::Fit;
+use fdm_estimate::{Fit, Unvisited, unvisited};
 use fdm_lab::posterior::{BandError, Bands, Errors, Predicted};
 use fdm_lab::requirement::{freedom, with_estimates};
 use fdm_results::documents::{FitDocument, ResultDocument};
@@ -75,6 +75,43 @@ pub(crate) fn of_validation(fit: &Fit, folder: &ResultFolder, runs: &[Run]) -> V
         all.push(predicted.bands());
     }
     all
+}
+
+/// Where a run uses tables of a result at places that no run of the fit had visited: their values there are not known.
+pub(crate) fn beyond_visited(
+    folder: &ResultFolder,
+    model: &Model,
+    (run, theta): (&Run, &[f64]),
+    steps: &Steps,
+) -> Vec<String> {
+    let Some(fit) = folder.result().fit() else { return Vec::new() };
+    let one = |u: Unvisited| {
+        format!(
+            "run `{}` uses the table `{}` where no run of the fit had visited it ({:.0} % of its samples, the first at time {}): its values there \
+             are not known",
+            run.name,
+            u.table,
+            (100.0 * u.part).max(1.0),
+            run.time[u.first]
+        )
+    };
+    unvisited(&fit.tables, model, run, theta, steps).into_iter().map(one).collect()
+}
+
+/// What bands by errors under coloured noise are worth; none where the residuals of the fit are white.
+pub(crate) fn of_coloured_noise(folder: &ResultFolder) -> Option<String> {
+    let fit = folder.result().fit()?;
+    let in_time = fit.noise_colour.iter().filter(|c| !c.is_white()).map(|c| &c.output);
+    let mut names: Vec<String> = in_time.map(|o| format!("`{o}`")).collect();
+    names.extend(fit.spectral_colour.iter().filter(|c| !c.is_white()).map(|c| format!("`{}`", c.output)));
+    names.dedup();
+    (!names.is_empty()).then(|| {
+        format!(
+            "residuals of {} are coloured: what lasts as long as the record (drift, 1/f) looks like a part of the response, and bands hold less often \
+             than in 95 of 100 cases",
+            names.join(", ")
+        )
+    })
 }
 
 fn fewest(freedom: &[Option<f64>], columns: &[usize]) -> Option<f64> {

@@ -1,5 +1,5 @@
 //! Several runs at once: patterns behind one `--data`, or a table with one row a run (`--runs runs.csv`): its file, name, role, part,
-//! map, the values that it brings (`known T0 per run;`) and the groups that it belongs to (`param k per group aircraft;`).
+//! beginning, map, the values that it brings (`known T0 per run;`) and the groups that it belongs to (`param k per group aircraft;`).
 
 use crate::failure::{Failure, did_you_mean};
 use crate::load::{map_file, number};
@@ -89,7 +89,7 @@ pub(crate) struct RunTable {
 }
 
 /// Columns that every table may have.
-const OWN: [&str; 6] = ["file", "run", "role", "map", "from", "to"];
+const OWN: [&str; 7] = ["file", "run", "role", "map", "from", "to", "begin"];
 
 impl RunTable {
     /// Reads a table: cells separated as its header is, by `,`, `;` or tabs; lines that begin with `#` are comments.
@@ -115,7 +115,7 @@ impl RunTable {
         let said = |what: &str| Err(Failure::input([format!("--runs {shown}: {what}")]));
         if !titles.iter().any(|t| t == "file") {
             return said(
-                "there is no column `file`; the first line holds the names of the columns: file, run, role, map, from, to, and values and groups of the model",
+                "there is no column `file`; the first line holds the names of the columns: file, run, role, map, from, to, begin, and values and groups of the model",
             );
         }
         if let Some(twice) = titles.iter().enumerate().find(|(k, t)| titles[..*k].contains(t)).map(|(_, t)| t) {
@@ -242,7 +242,7 @@ impl RunTable {
                     None => {}
                 }
             }
-            for (title, bound) in [("from", &mut own.from), ("to", &mut own.to)] {
+            for (title, bound) in [("from", &mut own.from), ("to", &mut own.to), ("begin", &mut own.begin)] {
                 match self.cell(row, title).map(number) {
                     Some(Ok(value)) => *bound = Some(value),
                     Some(Err(e)) => wrong.push(format!("{at}: `{title}`: {e}")),

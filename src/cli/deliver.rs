@@ -310,6 +310,22 @@ pub(crate) fn write_all(folder: &Path, files: &[NamedFile]) -> Result<(), Unwrit
     files.iter().try_for_each(|(name, contents)| write(&folder.join(name), contents))
 }
 
+/// Refuses a folder that stands there already.
+#[cfg(feature = "petab")]
+pub(crate) fn refuse_standing(folder: &Path) -> Result<(), Failure> {
+    match folder.symlink_metadata() {
+        Ok(_) => Err(Failure::input([format!("{}: exists already, and is not overwritten", folder.display())])),
+        Err(_) => Ok(()),
+    }
+}
+
+/// Makes a new folder with these files, and with those in folders of it: whole, or not at all.
+#[cfg(feature = "petab")]
+pub(crate) fn write_folder(folder: &Path, files: &[NamedFile]) -> Result<(), Unwritten> {
+    let made = Destination::prepare(folder).and_then(|place| place.fill(files));
+    made.map_err(|e| Unwritten(e.to_string()))
+}
+
 fn picture(outcome: &Outcome<'_>) -> String {
     let mut panels = outcome.spectra.clone();
     panels.extend(outcome.fit.map_or(Vec::new(), |fit| histories(fit, outcome.runs)));

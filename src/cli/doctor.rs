@@ -136,7 +136,7 @@ impl Arguments {
         let wider = records.iter().zip(files).zip(read).map(|((record, file), (_, summary))| {
             let (log, _) = open_log(&file.path, self.records.selection.is_salvaged()).ok()?;
             let [topic] = &log.topics[..] else { return None };
-            Some(record.clone().with_other_columns(topic, summary, file.options.from))
+            Some(record.clone().with_other_columns(topic, summary, &file.options))
         });
         let Some(wider) = wider.collect::<Option<Vec<Record>>>() else { return records };
         let names = |r: &Record| r.channels.iter().map(|c| c.name.clone()).collect::<Vec<_>>();

@@ -613,6 +613,9 @@ fn unsuccessful(estimate: &Estimate, moved: bool) -> Option<String> {
     if !estimate.termination.is_good() {
         return Some(estimate.termination.to_string());
     }
+    if let Some(why) = estimate.degenerate.first() {
+        return Some(why.to_string());
+    }
     (!estimate.is_good()).then(|| {
         "the data do not determine every parameter: fix some of those named above, or add runs that excite them".into()
     })

@@ -1,11 +1,11 @@
 //! `fdm import`: a problem of PEtab, or a model of SBML, becomes a folder with a model, records and a project file.
 
+#[cfg(feature = "petab")]
+use crate::deliver::{refuse_standing, write_folder};
 use crate::failure::{Ending, Failure};
 #[cfg(feature = "petab")]
-use crate::failure::{Unwritten, at, ended, print, remark};
+use crate::failure::{ended, print, remark};
 use clap::Args;
-#[cfg(feature = "petab")]
-use fdm_results::store::{make_folder, write_new_file};
 use std::path::PathBuf;
 
 /// What `fdm import` takes.
@@ -29,21 +29,15 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
 #[cfg(feature = "petab")]
 pub(crate) fn run(arguments: &Arguments) -> Ending {
     let folder = &arguments.out;
-    if folder.symlink_metadata().is_ok() {
-        return Err(Failure::input([format!("{}: exists already, and is not overwritten", folder.display())]));
-    }
+    refuse_standing(folder)?;
     let import = fdm_petab::import(&arguments.problem).map_err(Failure::Input)?;
-    make_folder(folder).map_err(|e| Unwritten(at(folder, &e)))?;
     let mut files = vec![("model.fdm", &import.model), ("IMPORT.md", &import.report)];
     if !import.runs.is_empty() {
-        make_folder(&folder.join("runs")).map_err(|e| Unwritten(at(folder, &e)))?;
         files.extend([("runs.csv", &import.table), ("fdm.toml", &import.project)]);
     }
     files.extend(import.runs.iter().map(|f| (f.path.as_str(), &f.text)));
-    for (name, text) in files {
-        let path = folder.join(name);
-        write_new_file(&path, text.as_bytes()).map_err(|e| Unwritten(at(&path, &e)))?;
-    }
+    let files: Vec<_> = files.iter().map(|(name, text)| (name.to_string(), text.as_bytes().to_vec())).collect();
+    write_folder(folder, &files)?;
     import.remarks.iter().for_each(|r| remark(format_args!("note: {r}")));
     let place = folder.display();
     let next = match import.runs.is_empty() {

@@ -12,7 +12,7 @@ use fdm_readers::{RecordMap, shipped};
 use fdm_results::documents::JudgedRecords;
 use fdm_results::store::{DataFile, Manifest, ResultFolder, differences, reason};
 use fdm_system::Model;
-use fdm_system::record::{Assumptions, Known, ReadOptions, Run, SampleMask, Summary, channels, read_each};
+use fdm_system::record::{Assumptions, Known, ReadOptions, Run, SampleMask, Summary, channels, questioned, read_each};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -214,7 +214,7 @@ pub(crate) struct Records {
 #[derive(Debug, Default, Args)]
 #[command(next_help_heading = "Data")]
 pub(crate) struct RunList {
-    /// Table of runs: a row for each with its `file`, and where wanted `run` (name), `role` (fit or validation), `map`, `from`, `to`, values
+    /// Table of runs: a row for each with its `file`, and where wanted `run` (name), `role` (fit or validation), `map`, `from`, `to`, `begin`, values
     /// (`known T0 per run`) and groups (`per group aircraft`)
     #[arg(long = "runs", value_name = "RUNS.csv", group = "recorded")]
     runs: Option<PathBuf>,
@@ -288,6 +288,9 @@ pub(crate) struct Selection {
     /// Use the record up to this time, in the file's unit
     #[arg(long, value_parser = number, value_name = "TIME", allow_negative_numbers = true, requires = "recorded")]
     to: Option<f64>,
+    /// Where the run begins: the instant that is the model's time 0, at the first sample or before, in the file's unit [default: the first sample]
+    #[arg(long, value_parser = number, value_name = "TIME", allow_negative_numbers = true, requires = "recorded")]
+    begin: Option<f64>,
     /// Use every N-th sample
     #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, requires = "recorded")]
     every: usize,
@@ -489,6 +492,7 @@ impl Selection {
             map: self.map.clone(),
             from: self.from,
             to: self.to,
+            begin: self.begin,
             every: self.every,
             hold: self.zoh.clone(),
             linear: self.linear.clone(),
@@ -563,7 +567,8 @@ pub(crate) fn read_records(
     let channels = channels(model.definition());
     let each: Vec<(&Path, &ReadOptions)> = files.iter().map(|f| (f.path.as_path(), &f.options)).collect();
     let mut runs = read_each(&each, &channels, elsewhere).map_err(Failure::Records)?;
-    for ((run, _), file) in runs.iter_mut().zip(files) {
+    for ((run, summary), file) in runs.iter_mut().zip(files) {
+        summary.notes.extend(questioned(model.definition(), run, summary));
         file.name.iter().for_each(|name| run.name.clone_from(name));
     }
     number_equal_names(runs.iter_mut().map(|(run, _)| run).collect());

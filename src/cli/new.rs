@@ -9,7 +9,7 @@ use fdm_numeric::random::SplitMix;
 use fdm_results::store::{admits, make_folder, write_new_file};
 use fdm_system::Model;
 use fdm_system::record::Run;
-use fdm_system::simulate::{Simulator, choose_steps};
+use fdm_system::simulate::{Simulator, StepOptions, choose_steps};
 use std::path::{Path, PathBuf};
 
 /// What `fdm new` takes.
@@ -460,7 +460,7 @@ impl Recipe {
             time,
         };
         let unsuited = |e| Failure::input([format!("the made-up record: {e}")]);
-        let steps = choose_steps(model.dynamics(), &run, &theta).map_err(unsuited)?.steps;
+        let steps = choose_steps(model.dynamics(), &run, &theta, &StepOptions::default()).map_err(unsuited)?.steps;
         let mut y = vec![f64::NAN; self.samples * q];
         let simulated = Simulator::new(model.dynamics(), &run, steps).map_err(unsuited)?.simulate(&theta, &mut y);
         simulated.map_err(|d| Failure::input([format!("the made-up record diverges at {}", d.time)]))?;

@@ -1,8 +1,10 @@
 //! `fdm export --to petab`: a result and the records that it was made from, as a problem of PEtab.
 
+#[cfg(feature = "petab")]
+use crate::deliver::{refuse_standing, write_folder};
 use crate::failure::{Ending, Failure};
 #[cfg(feature = "petab")]
-use crate::failure::{OrFailure, Unwritten, at, ended};
+use crate::failure::{OrFailure, ended};
 use crate::load::ModelOrResult;
 #[cfg(feature = "petab")]
 use crate::simulate::fitted_runs;
@@ -12,8 +14,6 @@ use fdm_estimate::Noise;
 use fdm_petab::{Deviation, Record, Unsuited, problem};
 #[cfg(feature = "petab")]
 use fdm_results::documents::FitDocument;
-#[cfg(feature = "petab")]
-use fdm_results::store::{make_folder, write_new_file};
 #[cfg(feature = "petab")]
 use fdm_system::Model;
 #[cfg(feature = "petab")]
@@ -28,9 +28,7 @@ pub(crate) fn run(_: &ModelOrResult, folder: &Path) -> Ending {
 
 #[cfg(feature = "petab")]
 pub(crate) fn run(subject: &ModelOrResult, folder: &Path) -> Ending {
-    if folder.symlink_metadata().is_ok() {
-        return Err(Failure::input([format!("{}: exists already, and is not overwritten", folder.display())]));
-    }
+    refuse_standing(folder)?;
     let (model, result) = subject.load()?;
     crate::export::without_units(&model)?;
     let Some(result) = result else { return Err(Failure::input([Unsuited::NoRuns])) };
@@ -57,11 +55,8 @@ pub(crate) fn run(subject: &ModelOrResult, folder: &Path) -> Ending {
         })
         .collect();
     let files = problem(model.definition(), &records, &deviations).or_failure()?;
-    make_folder(folder).map_err(|e| Unwritten(at(folder, &e)))?;
-    for file in &files {
-        let path = folder.join(&file.path);
-        write_new_file(&path, file.text.as_bytes()).map_err(|e| Unwritten(at(&path, &e)))?;
-    }
+    let files: Vec<_> = files.into_iter().map(|file| (file.path, file.text.into_bytes())).collect();
+    write_folder(folder, &files)?;
     ended(true)
 }
 

@@ -15,7 +15,7 @@ pub(crate) const NAME: &str = "fdm.toml";
 const ASIDE: &str = "--no-project";
 
 /// Options that say how records are read, or what is made of them, where a command can do without records.
-const OF_RECORDS: [&str; 6] = ["map", "map-file", "zoh", "linear", "known", "forgetting"];
+const OF_RECORDS: [&str; 7] = ["map", "map-file", "zoh", "linear", "known", "begin", "forgetting"];
 
 /// What the file holds; paths are relative to its folder.
 #[derive(Debug, Default, Deserialize)]

@@ -16,7 +16,7 @@ use fdm_results::documents::{FitDocument, to_text};
 use fdm_results::store::ResultFolder;
 use fdm_system::Model;
 use fdm_system::record::Run;
-use fdm_system::simulate::choose_steps;
+use fdm_system::simulate::{StepOptions, choose_steps};
 use std::path::{Path, PathBuf};
 
 /// Draws at which responses are predicted.
@@ -221,7 +221,7 @@ fn posterior(
             Some(accuracy) => accuracy.steps,
             None => {
                 let unsuited = |e| Failure::input([format!("run `{}`: {e}", run.name)]);
-                choose_steps(model.dynamics(), run, &own).map_err(unsuited)?.steps
+                choose_steps(model.dynamics(), run, &own, &StepOptions::default()).map_err(unsuited)?.steps
             }
         });
         theta.push(own);

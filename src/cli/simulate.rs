@@ -1,6 +1,6 @@
 //! `fdm simulate`: the model's response over recorded inputs.
 
-use crate::bands::{edges, of_simulation};
+use crate::bands::{beyond_visited, edges, of_coloured_noise, of_simulation};
 use crate::campaign::{RecordFile, Role};
 use crate::deliver::{column, csv, write};
 use crate::failure::{Ending, Failure, OrFailure, as_json, ended, print, print_data, remark};
@@ -15,7 +15,7 @@ use fdm_results::store::{DataFile, ResultError, ResultFolder};
 use fdm_system::Model;
 use fdm_system::record::{ReadOptions, Run};
 use fdm_system::simulate::{
-    Accuracy, Divergence, Simulator, Steps, UNSOUND, WorstError, choose_steps_once, choose_steps_to, integration_error,
+    Accuracy, Divergence, Simulator, StepOptions, Steps, UNSOUND, WorstError, choose_steps, integration_error,
     worst_errors,
 };
 use std::path::{Path, PathBuf};
@@ -61,6 +61,8 @@ pub(crate) struct Arguments {
 pub(crate) struct Response<'a> {
     run: &'a Run,
     pub(crate) accuracy: Accuracy,
+    /// All parameters.
+    theta: Vec<f64>,
     /// Outputs (N by q); NaN behind a divergence.
     pub(crate) y: Vec<f64>,
     divergence: Option<Divergence>,
@@ -99,6 +101,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         if model.layout().states > 0 && !arguments.json {
             remark(format_args!("{}: {}", response.run.name, arguments.integration.said(&response.accuracy)));
         }
+        response.doubts(&model, folder).iter().for_each(|said| remark(format_args!("{said}")));
         for said in response.faults(&model) {
             remark(format_args!("{}", with_files(&said)));
             good = false;
@@ -108,6 +111,14 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
 }
 
 impl Response<'_> {
+    /// What makes them less certain than they look.
+    fn doubts(&self, model: &Model, folder: Option<&ResultFolder>) -> Vec<String> {
+        let Some(folder) = folder.filter(|_| self.divergence.is_none()) else { return Vec::new() };
+        let mut doubts = beyond_visited(folder, model, (self.run, &self.theta), &self.accuracy.steps);
+        doubts.extend(self.bands.as_ref().and_then(|_| of_coloured_noise(folder)));
+        doubts
+    }
+
     /// What makes the numbers wrong.
     pub(crate) fn faults(&self, model: &Model) -> Vec<String> {
         let name = &self.run.name;
@@ -212,10 +223,11 @@ pub(crate) fn respond<'a>(
     let mut accuracy = match (arguments.integration.per_interval(), arguments.fitted_steps(&run.name, folder), scheme) {
         (Some(steps), ..) => Accuracy { steps: Steps::equal(scheme.unwrap_or_default(), steps), error: f64::NAN },
         (None, Some(fitted), None) => fitted,
-        _ => match arguments.integration.accuracy() {
-            None => choose_steps_once(dynamics, run, &theta, scheme).map_err(unsuited)?,
-            Some(accuracy) => choose_steps_to(dynamics, run, &theta, scheme, accuracy).map_err(unsuited)?,
-        },
+        _ => {
+            let accuracy = arguments.integration.accuracy();
+            let options = StepOptions { scheme, once: accuracy.is_none(), ..StepOptions::default() };
+            choose_steps(dynamics, run, &theta, &options.to(accuracy)).map_err(unsuited)?
+        }
     };
     let mut simulator = Simulator::new(model.dynamics(), run, accuracy.steps.clone()).map_err(unsuited)?;
     simulator.suits(&theta).map_err(unsuited)?;
@@ -237,7 +249,7 @@ pub(crate) fn respond<'a>(
         }
         None => None,
     };
-    Ok(Response { run, accuracy, y, divergence, bands, wrong })
+    Ok(Response { run, accuracy, theta, y, divergence, bands, wrong })
 }
 
 /// Where a response is worst, and what may help.

@@ -1,7 +1,7 @@
 //! `fdm validate`: a result against runs that it was not fitted to. What all runs share is held; biases and initial states are
 //! estimated anew.
 
-use crate::bands::of_validation;
+use crate::bands::{beyond_visited, of_coloured_noise, of_validation};
 use crate::deliver::{Delivery, Outcome};
 use crate::failure::{Ending, OrFailure, ended};
 use crate::fit::remarks;
@@ -18,9 +18,10 @@ use fdm_report::{
     Detail, band_table, band_verdict, baseline_table, estimate_text, fit_verdict, validation_by_frequency,
     validation_by_time, validation_table,
 };
-use fdm_results::documents::{BandCoverage, FitDocument, Validation};
+use fdm_results::documents::{BandCoverage, FitDocument, ResultDocument, Validation};
 use fdm_results::store::{Identity, ResultFolder};
 use fdm_system::record::{Run, Sampling};
+use fdm_system::simulate::Accuracy;
 use std::path::PathBuf;
 
 /// What `fdm validate` takes.
@@ -76,6 +77,10 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         .zip(runs)
         .map(|(bands, run)| bands.map_err(|e| remarks.push(format!("note: run `{}` has no bands: {e}", run.name))).ok())
         .collect();
+    remarks.extend(
+        bands.iter().flatten().next().and_then(|_| of_coloured_noise(&folder)).map(|said| format!("note: {said}")),
+    );
+    remarks.extend(where_unvisited(&fit, &folder, runs));
     let covered = covered(&fit, runs, &bands);
     let baselines = fit.baselines(runs, arguments.initial_from.unwrap_or(0.0));
     remarks.extend(baselines.iter().filter_map(Baseline::beaten));
@@ -100,6 +105,15 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     // told in any case
     let in_time = progress.in_time();
     ended(in_time && fit.is_good() && delivered)
+}
+
+/// Where the prediction uses what the fit does not know.
+fn where_unvisited(fit: &Fit, folder: &ResultFolder, runs: &[Run]) -> Vec<String> {
+    let found = ResultDocument::from(FitDocument::of(fit));
+    let of = |(run, accuracy): (&Run, &Accuracy)| {
+        beyond_visited(folder, &fit.model, (run, &found.theta(&fit.model, &run.name)), &accuracy.steps)
+    };
+    runs.iter().zip(&fit.integration).flat_map(of).map(|said| format!("note: {said}")).collect()
 }
 
 /// What the prediction gets wrong, of the runs that are sampled evenly.

@@ -3,7 +3,7 @@
 use crate::finding::Finding;
 use fdm_grammar::Model;
 use fdm_readers::Topic;
-use fdm_system::record::{Run, Summary};
+use fdm_system::record::{ReadOptions, Run, Summary};
 use std::borrow::Cow;
 
 /// What a channel is to a model.
@@ -62,8 +62,11 @@ pub struct Record {
 impl Record {
     /// A run in the model's units. `summary` says which columns stated theirs; without it all count as stated.
     pub fn of_run(model: &Model, run: &Run, summary: Option<&Summary>) -> Self {
+        // rows in front of the first compared sample are no samples of the file, or hold nothing that was measured
+        let lead = summary.map_or(0, |s| s.lead).min(run.len());
         let (m, q) = (run.held.len(), run.output_gaps.len());
-        let column = |rows: &[f64], k: usize, width: usize| rows.iter().skip(k).step_by(width).copied().collect();
+        let column =
+            |rows: &[f64], k: usize, width: usize| rows.iter().skip(lead * width + k).step_by(width).copied().collect();
         let inputs = model.inputs.iter().filter(|i| i.is_declared()).map(|i| (&i.quantity, Role::Input)).enumerate();
         let outputs = model.outputs.iter().map(|o| (&o.quantity, Role::Output)).enumerate();
         let channel = |(k, (quantity, role)): (usize, (&fdm_grammar::model::Quantity, Role))| {
@@ -80,16 +83,18 @@ impl Record {
         };
         let channels: Vec<Channel> = inputs.chain(outputs).map(channel).collect();
         let counted = run.time.iter().enumerate().all(|(k, t)| *t == k as f64);
-        Self { run: run.name.clone(), time: run.time.clone(), clocked: !counted, channels }
+        Self { run: run.name.clone(), time: run.time[lead..].to_vec(), clocked: !counted, channels }
     }
 
     /// With the columns of its file that no channel is read from: kinematics and the tests of values look at them too. Samples are found by
-    /// their times; the run begins with the first row of the file that is not before `from`.
+    /// their times; the run begins where `options` say, else with the first row of the file that is not
+    /// before `from`.
     #[must_use]
-    pub fn with_other_columns(mut self, topic: &Topic, summary: &Summary, from: Option<f64>) -> Self {
+    pub fn with_other_columns(mut self, topic: &Topic, summary: &Summary, options: &ReadOptions) -> Self {
         let Some(clock) = topic.time.and_then(|k| topic.fields.get(k)) else { return self };
         let scale = summary.sources.iter().find(|s| s.channel == "t").map_or(1.0, |s| s.scale);
-        let Some(first) = clock.values.iter().find(|v| from.is_none_or(|f| **v >= f)) else { return self };
+        let rows = || clock.values.iter().copied().find(|v| options.from.is_none_or(|f| *v >= f));
+        let Some(first) = options.beginning().or_else(rows) else { return self };
         let offset = -scale * first;
         let near = 1e-9 * self.time.last().map_or(1.0, |t| t.abs().max(1.0));
         // the file's row of each sample

@@ -6,7 +6,7 @@ use crate::spectra::initial_conditions::with_initials;
 use fdm_grammar::model::Param;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
-use fdm_system::simulate::{Scheme, Simulator, Steps, choose_steps_by};
+use fdm_system::simulate::{Scheme, Simulator, StepOptions, Steps, choose_steps};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -141,7 +141,7 @@ struct Judge<'a> {
 impl<'a> Judge<'a> {
     fn new(model: &Model, recursion: &'a Recursion, restart: Option<f64>) -> Self {
         let model = match restart {
-            Some(_) => with_initials(model, &model.definition().start()),
+            Some(_) => with_initials(model, &model.definition().start(), &|_| true),
             None => model.clone(),
         };
         let q = model.layout().outputs;
@@ -150,7 +150,7 @@ impl<'a> Judge<'a> {
             for part in cut(run, restart) {
                 let params = with_values(&model, recursion, &recursion.batch, Some(r));
                 let theta = initial_guess(&params, model.dynamics(), &part);
-                let steps = choose_steps_by(model.dynamics(), &part, &theta, None).map(|a| a.steps);
+                let steps = choose_steps(model.dynamics(), &part, &theta, &StepOptions::default()).map(|a| a.steps);
                 parts.push((part, r, steps.unwrap_or_else(|_| Steps::equal(Scheme::RungeKutta, 1))));
             }
         }

@@ -2,12 +2,15 @@
 
 pub use crate::uncertainty::parameters::{ParameterEstimate, Status, Symmetric};
 
+use crate::degenerate::Degeneracy;
 use crate::observer::Iteration;
 use crate::residuals::{NoiseVariation, OutputFit};
 use crate::table_nodes::TableEstimate;
 use crate::termination::Termination;
+use crate::uncertainty::curvature::Curvature;
 use crate::uncertainty::identifiability::Direction;
 use crate::uncertainty::sandwich::{NoiseColour, Uncorrected};
+use crate::uncertainty::spectral_colour::SpectralColour;
 use fdm_numeric::least_squares::Fallback;
 use serde::{Deserialize, Serialize};
 
@@ -93,6 +96,12 @@ pub struct Estimate {
     pub corrected_covariance: Symmetric,
     /// The colour of the noise of each output; empty when errors were not corrected for it.
     pub colours: Vec<NoiseColour>,
+    /// Whether the residuals of each output are white over the frequencies that were compared; empty in the time domain.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub spectral_colours: Vec<SpectralColour>,
+    /// Intervals that the profile of the likelihood contradicts; empty where that was not looked at.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub curvature: Vec<Curvature>,
     /// Why errors were not corrected for the colour of the residuals; none when they were.
     pub uncorrected: Option<Uncorrected>,
     /// Whether the noise of each output is of one size; empty when that was not tested.
@@ -104,6 +113,12 @@ pub struct Estimate {
     /// Outputs that the model matches to 1e-10 of their magnitude: data without noise, where noise covariance and
     /// standard errors stand for rounding only.
     pub noise_free: Vec<String>,
+    /// Of each output (q) the sum of the leverages of its samples: how many parameters it determines. Empty where that is not told.
+    #[serde(default)]
+    pub leverages: Vec<f64>,
+    /// Why the likelihood has no maximum here, if it has none: the values then say nothing.
+    #[serde(default)]
+    pub degenerate: Vec<Degeneracy>,
     /// Biases by the noise of measured regressors that were removed.
     #[serde(rename = "drawn")]
     pub bias_corrections: Vec<BiasCorrection>,
@@ -148,9 +163,9 @@ impl Estimate {
         self
     }
 
-    /// Whether the iteration converged and the data determine every free parameter.
+    /// Whether the iteration converged at a maximum of the likelihood, and the data determine every free parameter.
     pub fn is_good(&self) -> bool {
-        self.termination.is_good() && self.undetermined.is_empty()
+        self.termination.is_good() && self.undetermined.is_empty() && self.degenerate.is_empty()
     }
 
     /// Corrected over Cramer-Rao standard error of every parameter that has both, rising.

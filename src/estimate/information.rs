@@ -7,7 +7,7 @@ use crate::uncertainty::identifiability::{Direction, undetermined};
 use fdm_numeric::quadratic::Inverse;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
-use fdm_system::simulate::{Simulator, UNSOUND, Unsuited, choose_steps_by};
+use fdm_system::simulate::{Simulator, StepOptions, UNSOUND, Unsuited, choose_steps};
 use nalgebra::{DMatrix, DVector};
 
 /// Eigenvalues of what belongs to the runs, below this part of the largest, count as zero.
@@ -81,7 +81,7 @@ impl Information {
         for (run, theta) in runs.iter().zip(thetas) {
             let name = || run.name.clone();
             let unsuited = |reason| Silence::Unsuited { run: name(), reason };
-            let steps = choose_steps_by(model.dynamics(), run, theta, None).map_err(unsuited)?;
+            let steps = choose_steps(model.dynamics(), run, theta, &StepOptions::default()).map_err(unsuited)?;
             if steps.error.is_finite() && steps.error > UNSOUND {
                 return Err(Silence::Inaccurate { run: name(), error: steps.error });
             }

@@ -13,12 +13,14 @@ mod affine;
 mod beginnings;
 mod best_iterate;
 mod changes;
+mod degenerate;
 mod derived;
 pub mod equation_error;
 mod estimate;
 mod few_samples;
 mod filter_error;
 mod frequency_responses;
+mod held;
 mod hidden_states;
 mod identify;
 mod information;
@@ -38,6 +40,7 @@ mod solve;
 #[cfg(test)]
 mod specimen;
 mod spectra;
+mod stated_initials;
 mod table_nodes;
 mod termination;
 #[cfg(test)]
@@ -51,6 +54,7 @@ pub use crate::residuals::autoregression::{AutoRegression, LevinsonDurbin};
 pub use beginnings::{fit_from_beginnings, initial_values};
 pub use best_iterate::{BestIterate, BestOptions, Criterion, best_iterate};
 pub use changes::{ChangeError, Changes};
+pub use degenerate::Degeneracy;
 pub use derived::{DerivedName, DerivedQuantities};
 pub use estimate::{BiasCorrection, Estimate, ParameterEstimate, RunFit, Smoothing, Status, Symmetric};
 pub use fdm_numeric::least_squares::Fallback as Aid;
@@ -87,10 +91,13 @@ pub use spectra::{
     BinResponse, Nonlinear, RunSpectrum, SpectralBins, SpectralError, SpectralFit, SpectralOptions, StartingValue,
     Unanswered, UnobservableMode, fit_spectra,
 };
-pub use table_nodes::{NodeEstimate, TableAxis, TableEstimate};
+pub use stated_initials::{DoubtedInitial, DoubtedInitials, MovedParameter};
+pub use table_nodes::{NodeEstimate, TableAxis, TableEstimate, Unvisited, unvisited};
 pub use termination::{Reason, Termination};
 pub use time_domain::{examined, fit, fit_from, fit_kept, start_search};
+pub use uncertainty::curvature::Curvature;
 pub use uncertainty::identifiability::Direction;
 pub use uncertainty::parameters::quantile;
 pub use uncertainty::sandwich::{NoiseColour, Uncorrected};
 pub use uncertainty::sensitivity_rows::LONG_RUN;
+pub use uncertainty::spectral_colour::SpectralColour;

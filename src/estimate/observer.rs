@@ -1,5 +1,6 @@
 //! What can be seen of an estimation while it works, and where its state is kept.
 
+use crate::degenerate::Degeneracy;
 use crate::termination::Termination;
 pub use fdm_numeric::least_squares::Iteration;
 use serde::{Deserialize, Serialize};
@@ -35,6 +36,12 @@ pub struct StartSummary {
     pub distance: Option<f64>,
     /// Free parameters where it ended, in the order of [`Estimate::parameters`](crate::Estimate::parameters).
     pub values: Vec<f64>,
+    /// Their standard errors: 0 at a bound, none where the data do not determine one.
+    pub errors: Vec<Option<f64>>,
+    /// All parameters of each run there; empty where nothing was estimated.
+    pub reached: Vec<Vec<f64>>,
+    /// Why the likelihood has no maximum there, if it has none: such a place is taken only where there is no other.
+    pub degenerate: Vec<Degeneracy>,
 }
 
 /// Why work ends before it is done.

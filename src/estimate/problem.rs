@@ -151,12 +151,16 @@ pub struct Problem<'a> {
     pub affine: Vec<usize>,
     /// The model's tables; the nodes of smooth ones have a prior of unknown scale.
     pub tables: Vec<Table>,
+    /// Weights of the axes of smooth tables with which the choice of these begins; empty where nothing is known of them.
+    pub smoothness: Vec<f64>,
     /// Quantities that follow from the parameters.
     pub derived: DerivedQuantities<'a>,
     /// What noise does besides, where measured records stand in the equations.
     pub regressor_noise: Option<Box<dyn RegressorNoise + 'a>>,
     /// How large the noise of every sample is, where coefficients of whole records are compared.
     pub noise_in_time: Option<Box<dyn NoiseInTime + 'a>>,
+    /// Whether estimates are all that is asked for: intervals are then not looked at beyond their errors.
+    pub bare: bool,
 }
 
 /// Noise of records that are compared and stand in the equations as well.
@@ -228,8 +232,9 @@ impl<'a> Problem<'a> {
         runs: Vec<ProblemRun<'a>>,
         derived: DerivedQuantities<'a>,
     ) -> Self {
-        let (affine, tables) = Default::default();
-        Self { params, outputs, runs, affine, tables, derived, regressor_noise: None, noise_in_time: None }
+        let (affine, tables, smoothness) = Default::default();
+        let (regressor_noise, noise_in_time) = (None, None);
+        Self { params, outputs, runs, affine, tables, smoothness, derived, regressor_noise, noise_in_time, bare: false }
     }
 
     /// What a measured number is worth on the average: 1, or less where frequencies are closer than one cycle in the record.

@@ -233,7 +233,9 @@ fn choose_for(
     observer.doing("smoothness of tables");
     let penalties: Vec<Vec<DMatrix<f64>>> =
         smooth.tables.iter().map(|t| (0..t.axes.len()).map(|axis| t.penalty(axis)).collect()).collect();
-    let mut weights = balance.clone();
+    // an estimation before this one, with other steps, has chosen them nearly
+    let begun = problem.smoothness.len() == balance.len();
+    let mut weights = if begun { problem.smoothness.clone() } else { balance.clone() };
     let mut last: Vec<f64> = vec![0.0; weights.len()];
     let mut settled = false;
     for _ in 0..MOST_ROUNDS {

@@ -1,6 +1,8 @@
 //! The road from a problem to its estimate.
 
+use crate::degenerate::collapsed;
 use crate::estimate::{BiasCorrection, Estimate, ParameterEstimate, RunFit, Symmetric};
+use crate::held::{Lost, Pin, with_undetermined_held};
 use crate::iteration::evaluation::{Evaluator, Failure, RunFailure};
 use crate::iteration::likelihood::{LikelihoodCost, Observed, of_parameters, space};
 use crate::iteration::optimizers::approach;
@@ -13,6 +15,7 @@ use crate::smoothness::{Chosen, SmoothTables, choose};
 use crate::termination::Termination;
 use crate::uncertainty::coloured::corrected;
 use crate::uncertainty::cramer_rao::conclude;
+use crate::uncertainty::curvature::{Curvature, Curved, curved};
 use crate::uncertainty::identifiability::Direction;
 use crate::uncertainty::parameters::Statistics;
 use crate::uncertainty::sandwich::corrected_known;
@@ -59,11 +62,41 @@ pub fn estimate_from(
     resume: Option<&[u8]>,
     observer: &mut dyn Observer,
 ) -> Result<Estimate, Vec<ProblemError>> {
+    let free = solve(problem, options, resume, (&[], None), observer)?;
+    with_undetermined_held(problem, options, free, observer)
+}
+
+/// An estimate, and what is needed to hold what it does not determine.
+pub(crate) struct Solved {
+    pub(crate) estimate: Estimate,
+    /// The values of all unknowns.
+    pub(crate) values: Vec<f64>,
+    /// Unknowns that are not determined by themselves, nodes of smooth tables left out: these follow their neighbours.
+    pub(crate) lost: Vec<Lost>,
+}
+
+/// One estimation with some unknowns held, from the start values or from others.
+///
+/// # Errors
+/// As [`estimate_from`].
+pub(crate) fn solve(
+    problem: &mut Problem<'_>,
+    options: &Options,
+    resume: Option<&[u8]>,
+    (pins, from): (&[Pin], Option<&[f64]>),
+    observer: &mut dyn Observer,
+) -> Result<Solved, Vec<ProblemError>> {
     let mistakes = problem.mistakes(options);
     if !mistakes.is_empty() {
         return Err(mistakes);
     }
+    let bare = problem.bare;
     let mut unknowns = Unknowns::new(problem);
+    let began = unknowns.start.clone();
+    if let Some(from) = from {
+        unknowns.start.copy_from_slice(from);
+    }
+    pins.iter().for_each(|pin| unknowns.pin(pin.unknown, pin.value));
     let resume = resume.map(|bytes| Snapshot::read(bytes, unknowns.len())).transpose();
     let resume = resume.map_err(|reason| vec![ProblemError::ForeignState { reason }])?;
     let q = problem.outputs.len();
@@ -79,6 +112,7 @@ pub fn estimate_from(
     observer.begin(&|| unknowns.names(problem));
     let logarithmic = unknowns.searched(problem);
     let searched = logarithmic.as_ref().unwrap_or(&unknowns);
+    let logarithms: Vec<bool> = (0..unknowns.len()).map(|j| problem.params[unknowns.owner(j).1].logarithmic).collect();
     let evaluator = Evaluator::new(problem, searched, likelihood.is_full());
     let cost = LikelihoodCost { evaluator, unknowns: searched, likelihood: &likelihood, priors: &priors };
     let Options { iterations, tolerance, gain, optimizer, .. } = *options;
@@ -93,6 +127,14 @@ pub fn estimate_from(
         steps = of_parameters(steps, &unknowns, step_options);
     }
     let conclusion = if end.is_ok() { conclude(&mut steps) } else { None };
+    let curved = match &conclusion {
+        Some(bound)
+            if options.colour && !bare && end.as_ref().is_ok_and(|e| e.is_good()) && observer.stopped().is_none() =>
+        {
+            curved(&mut steps, bound, |j| logarithms[j])
+        }
+        _ => Vec::new(),
+    };
     let possible = likelihood.admits(steps.weights.cost - steps.weights.beside);
     let conclusion = conclusion.filter(|_| possible);
     let end = end.map(|summary| if possible { Termination::of(summary, observer) } else { Termination::Impossible });
@@ -170,8 +212,17 @@ pub fn estimate_from(
         (Some(chosen), Some(bound)) => SmoothTables::new(&problem.tables, problem, &unknowns).told(chosen, bound),
         _ => Vec::new(),
     };
+    let leverages = conclusion.as_ref().map_or(Vec::new(), |c| c.leverages.clone());
+    let alone = likelihood.counts.iter().filter(|n| **n > 0).count() < 2 && priors.is_empty();
+    let sampled = problem.runs.iter().all(|r| r.response.known_noise().is_none());
+    let degenerate = match sampled && possible {
+        true => collapsed(&problem.outputs, &likelihood, &leverages, alone),
+        false => Vec::new(),
+    };
     let exact = problem.outputs.iter().zip(&weights.exact).filter(|(_, exact)| **exact && end.is_ok());
-    Ok(Estimate {
+    let curvature = curved.iter().map(|c| curvature_of(problem, &unknowns, c)).collect();
+    let lost = statistics.lost(problem, &unknowns, (&began, &values));
+    let estimate = Estimate {
         parameters,
         outputs,
         cost,
@@ -185,10 +236,14 @@ pub fn estimate_from(
         correlations,
         corrected_covariance,
         uncorrected: corrected.as_ref().err().cloned(),
+        spectral_colours: corrected.as_ref().map_or(Vec::new(), |c| c.spectral.clone()),
+        curvature,
         colours: corrected.map_or(Vec::new(), |c| c.colours),
         noise_variation,
         noise,
         noise_free: exact.map(|(name, _)| name.clone()).collect(),
+        leverages,
+        degenerate,
         bias_corrections,
         undetermined: statistics.directions,
         determined_by_prior: beside_smooth_nodes(problem, statistics.by_prior),
@@ -197,7 +252,19 @@ pub fn estimate_from(
         condition: conclusion.map(|c| c.inverse.condition),
         runs,
         termination: end.unwrap_or_else(|failure| stopped(problem, failure)),
-    })
+    };
+    Ok(Solved { estimate, values, lost })
+}
+
+/// With the name of its parameter.
+fn curvature_of(problem: &Problem<'_>, unknowns: &Unknowns, curved: &Curved) -> Curvature {
+    let (run, param) = unknowns.owner(curved.unknown);
+    Curvature {
+        parameter: problem.params[param].quantity.name.clone(),
+        run: run.map(|r| problem.runs[r].name.clone()),
+        holds: curved.holds,
+        interval: curved.interval,
+    }
 }
 
 /// Directions that are not of nodes of smooth tables alone: which of these no run visits is told by itself.

@@ -2,6 +2,7 @@
 
 use crate::estimate::{Estimate, ParameterEstimate, Status};
 use crate::uncertainty::identifiability::Direction;
+use fdm_grammar::Model as Definition;
 use fdm_grammar::model::{Table, TableNode};
 use fdm_system::model::Model;
 use fdm_system::record::Run;
@@ -122,29 +123,78 @@ fn cell(table: &Table, arguments: &[f64]) -> Option<usize> {
     Some(cell)
 }
 
+/// Visits the cells of all tables (by number) that a simulation uses, sample by sample; `whole` is the model with the arguments of its tables as outputs
+/// behind its own. None where it cannot be simulated.
+fn visit(
+    whole: &Model,
+    definition: &Definition,
+    (run, theta, steps): (&Run, &[f64], &Steps),
+    mut visit: impl FnMut(usize, usize, usize),
+) -> Option<()> {
+    let (q, width) = (definition.outputs.len(), whole.definition().outputs.len());
+    let mut y = vec![0.0; run.len() * width];
+    Simulator::new(whole.dynamics(), run, steps.clone()).ok()?.simulate(theta, &mut y).ok()?;
+    for (sample, row) in y.chunks_exact(width).enumerate() {
+        let mut rest = &row[q..];
+        for (number, table) in definition.tables.iter().enumerate() {
+            let (own, others) = rest.split_at(table.calls.arguments.len() * table.arguments.len());
+            rest = others;
+            let cells = own.chunks_exact(table.arguments.len()).filter_map(|call| cell(table, call));
+            cells.for_each(|cell| visit(number, cell, sample));
+        }
+    }
+    Some(())
+}
+
+/// A table whose estimated values are used where no run of the fit had visited it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Unvisited {
+    /// The table.
+    pub table: String,
+    /// The first sample that uses such a cell.
+    pub first: usize,
+    /// Part of all samples that do.
+    pub part: f64,
+}
+
+/// The tables that a simulation of a run at `theta` (all parameters) uses where the fit, whose `tables` these are, had no sample; empty where it cannot be
+/// simulated. Tables without an estimated node are known everywhere.
+pub fn unvisited(tables: &[TableEstimate], model: &Model, run: &Run, theta: &[f64], steps: &Steps) -> Vec<Unvisited> {
+    let definition = model.definition();
+    let estimated = |t: &&TableEstimate| t.nodes.iter().any(|n| n.parameter.is_some());
+    let of = |table: &Table| tables.iter().find(|t| t.table == table.quantity.name).filter(estimated);
+    let fitted: Vec<Option<&TableEstimate>> = definition.tables.iter().map(of).collect();
+    let Some(extended) = definition.with_table_arguments().filter(|_| fitted.iter().any(Option::is_some)) else {
+        return Vec::new();
+    };
+    // samples of each table, rising, each once
+    let mut beyond: Vec<Vec<usize>> = vec![Vec::new(); fitted.len()];
+    let new = |number: usize, cell: usize| {
+        fitted[number].is_some_and(|t| t.samples.get(cell).is_some_and(|samples| *samples == 0))
+    };
+    let visited = visit(&model.sketched(extended), definition, (run, theta, steps), |number, cell, sample| {
+        if new(number, cell) && beyond[number].last() != Some(&sample) {
+            beyond[number].push(sample);
+        }
+    });
+    let one = |(fitted, samples): (&Option<&TableEstimate>, &Vec<usize>)| {
+        let (table, first) = ((*fitted)?.table.clone(), *samples.first()?);
+        Some(Unvisited { table, first, part: samples.len() as f64 / run.len() as f64 })
+    };
+    visited.map_or(Vec::new(), |()| fitted.iter().zip(&beyond).filter_map(one).collect())
+}
+
 /// Adds the tables of a model to an estimate: `thetas` are all parameters of each run there, simulated by `steps`. Nodes of smooth tables
 /// that no run visited have a value by their neighbours alone, and are said to be unvisited.
 pub(crate) fn add_tables(estimate: &mut Estimate, model: &Model, runs: &[Run], thetas: &[Vec<f64>], steps: &[Steps]) {
     let definition = model.definition();
     let Some(extended) = definition.with_table_arguments().filter(|_| !estimate.runs.is_empty()) else { return };
-    let (whole, q) = (model.sketched(extended), definition.outputs.len());
-    let width = whole.definition().outputs.len();
+    let whole = model.sketched(extended);
     let cells = |table: &Table| table.lengths().iter().map(|n| n - 1).product();
     let mut samples: Vec<Vec<usize>> = definition.tables.iter().map(|t| vec![0; cells(t)]).collect();
     for ((run, theta), steps) in runs.iter().zip(thetas).zip(steps) {
-        let mut y = vec![0.0; run.len() * width];
-        let Ok(mut simulator) = Simulator::new(whole.dynamics(), run, steps.clone()) else { return };
-        if simulator.simulate(theta, &mut y).is_err() {
+        if visit(&whole, definition, (run, theta, steps), |table, cell, _| samples[table][cell] += 1).is_none() {
             return;
-        }
-        for row in y.chunks_exact(width) {
-            let mut rest = &row[q..];
-            for (table, samples) in definition.tables.iter().zip(&mut samples) {
-                let (own, others) = rest.split_at(table.calls.arguments.len() * table.arguments.len());
-                rest = others;
-                let cells = own.chunks_exact(table.arguments.len()).filter_map(|call| cell(table, call));
-                cells.for_each(|cell| samples[cell] += 1);
-            }
         }
     }
     for (table, samples) in definition.tables.iter().zip(samples) {

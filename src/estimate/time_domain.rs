@@ -11,19 +11,20 @@ use crate::observer::{CheckpointStore, Observer};
 use crate::output_error::cross_validation::weights_by_validation;
 use crate::output_error::error::{FitError, StrategyError};
 use crate::output_error::fit::Fit;
-use crate::output_error::noise_model::{deviations, fit_noise_model, without_infinite};
+use crate::output_error::noise_model::{deviations, without_infinite};
 use crate::output_error::options::{FitOptions, SharedSteps};
-use crate::output_error::robust::{fit_robust, mistake};
+use crate::output_error::robust::mistake;
 use crate::output_error::single::{after, changed, chosen_steps, integration_faults, starts};
 use crate::problem::Options;
 use crate::recovery::budget::Budget;
 use crate::recovery::checkpoint::{CheckpointObserver, CheckpointWriter};
+use crate::recovery::completion::{completed, without_noise};
 use crate::recovery::confidence::{fit_shorter_records, refit_with_weights};
 use crate::recovery::fallback::attempt;
-use crate::recovery::multi_start::{StartSearch, many_starts};
+use crate::recovery::multi_start::{StartSearch, many_starts, unbounded};
 use crate::residuals::run_quality;
+use crate::stated_initials::doubted_initials;
 use crate::table_nodes::add_tables;
-use crate::termination::Termination;
 use fdm_grammar::model::Origin;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
@@ -53,22 +54,27 @@ pub fn fit_kept(
     let Ready { given, model, runs, mut start, mut options } = Ready::of(model, runs, options, observer)?;
     let runs = &runs[..];
     let ledger = CheckpointWriter::new(keeper);
-    let (mut name, mut summaries, mut states) = (String::from("fit"), Vec::new(), Vec::new());
+    let (mut name, mut summaries, mut states, mut reached) = (String::from("fit"), Vec::new(), Vec::new(), None);
     if options.starts.count > 1 {
         options.shared_steps = shared_steps(&model, runs, &start, &options)?;
-        let many = many_starts(&model, runs, &start, &options, &ledger, observer)?;
+        let many = many_starts((&model, &given), runs, &start, &options, &ledger, observer)?;
         name = format!("fit-{}", many.number);
-        (summaries, start, states) = (many.summaries, many.start, many.states);
+        (summaries, start, states, reached) = (many.summaries, many.start, many.states, many.reached);
     }
     // of two lists of states of one attempt the longer one is further on
     let kept = ledger.find(&name).states;
     states = if kept.len() > states.len() { kept } else { states };
     let mut budget = Budget::new(observer, options.options.total);
     let mut stages = CheckpointObserver::new(&mut budget, &ledger, name, states);
-    let found = fit_from(&given, runs, &start, &options, &mut stages)
+    let found = attempt(&model, runs, &start, &options, &mut stages)
+        .and_then(|first| completed(&given, runs, (&start, reached.as_deref()), first, &options, &mut stages))
         .and_then(|fit| examined(fit, runs, &start, &options, &mut stages));
     ledger.flush();
-    Ok(Fit { starts: summaries, ..found? })
+    let mut found = found?;
+    if found.estimate.degenerate.is_empty() {
+        found.estimate.degenerate = unbounded(&summaries, found.estimate.cost);
+    }
+    Ok(Fit { starts: summaries, ..found })
 }
 
 /// The starts of a fit, each to be attempted by itself: [`fit_kept`] goes on from what came out of them.
@@ -81,9 +87,9 @@ pub fn start_search(
     options: &FitOptions,
     observer: &mut dyn Observer,
 ) -> Result<StartSearch, FitError> {
-    let Ready { model, runs, start, mut options, .. } = Ready::of(model, runs, options, observer)?;
+    let Ready { given, model, runs, start, mut options } = Ready::of(model, runs, options, observer)?;
     options.shared_steps = shared_steps(&model, &runs, &start, &options)?;
-    Ok(StartSearch::of(model, &runs, start, &options))
+    Ok(StartSearch::of((model, given), &runs, start, &options))
 }
 
 /// A fit that can begin.
@@ -154,17 +160,7 @@ pub fn fit_from(
     let known = deviations.as_ref().map(|d| without_infinite(&squares, runs, starts, d, observer)).transpose()?;
     let runs = known.as_deref().unwrap_or(runs);
     let first = attempt(&squares, runs, starts, options, observer)?;
-    let end = &first.estimate.termination;
-    // without iterations the start values are judged, those of the noise among them
-    let only_judged = options.options.iterations == 0 && matches!(end, Termination::IterationLimit);
-    match &deviations {
-        _ if !end.is_good() && !only_judged => Ok(first),
-        Some(deviations) => {
-            fit_noise_model(&without_process_noise(model), runs, starts, (first, deviations), options, observer)
-        }
-        None if !options.loss.is_squares() => fit_robust(&squares, runs, starts, first, options, observer),
-        None => Ok(first),
-    }
+    completed(model, runs, (starts, None), first, options, observer)
 }
 
 /// The steps that all starts have in common.
@@ -207,6 +203,7 @@ pub fn examined(
             if options.options.colour && fit.loss.is_squares() && fit.noise_of_samples.is_empty() {
                 fit.interpolations = compare(&fit, runs, &thetas, options, observer);
             }
+            fit.doubted_initials = doubted_initials(&fit, runs, &thetas, options, observer)?;
         }
     }
     let sound = fit.estimate.termination.is_good();
@@ -219,27 +216,6 @@ pub fn examined(
         fit.reweighting = refit_with_weights(&fit, runs, starts, options, observer)?;
     }
     Ok(fit)
-}
-
-/// The model with the parameters of noises held: they move no response, so that squares of residuals say nothing of them.
-fn without_noise(model: &Model) -> Model {
-    held(model, model.definition().only_in_noise())
-}
-
-/// The model with those held that stand in the equations' noise alone: output error says nothing of them.
-fn without_process_noise(model: &Model) -> Model {
-    let definition = model.definition();
-    let output = definition.only_in_output_noise();
-    held(model, definition.only_in_noise().iter().zip(output).map(|(noise, output)| *noise && !output).collect())
-}
-
-fn held(model: &Model, only: Vec<bool>) -> Model {
-    if !only.contains(&true) {
-        return model.clone();
-    }
-    let mut params = model.definition().params.clone();
-    params.iter_mut().zip(only).filter(|(_, only)| *only).for_each(|(p, _)| p.fixed = true);
-    model.with_params(params)
 }
 
 impl Fit {

@@ -24,6 +24,8 @@ pub(super) struct Unknowns {
     pub(super) start: Vec<f64>,
     /// Unknowns in which all responses are jointly affine.
     pub(super) affine: Vec<usize>,
+    /// Unknowns that are held because nothing determines them.
+    pub(super) held: Vec<usize>,
     /// All parameters of each run at the start (runs by p).
     pub(super) theta: Vec<Vec<f64>>,
     /// Bounds of the parameter behind each unknown that is its logarithm; empty where all unknowns are parameters.
@@ -56,6 +58,7 @@ impl Unknowns {
             upper: Vec::new(),
             start: Vec::new(),
             affine: Vec::new(),
+            held: Vec::new(),
             theta,
             logarithms: Vec::new(),
         };
@@ -69,6 +72,15 @@ impl Unknowns {
             unknowns.start.push(unknowns.theta[run.unwrap_or(0)][k]);
         }
         unknowns
+    }
+
+    /// Holds an unknown at a value.
+    pub(super) fn pin(&mut self, unknown: usize, value: f64) {
+        for of in [&mut self.start, &mut self.lower, &mut self.upper] {
+            of[unknown] = value;
+        }
+        self.affine.retain(|g| *g != unknown);
+        self.held.push(unknown);
     }
 
     /// The same with the logarithms of the parameters that are declared so; none where there are none.

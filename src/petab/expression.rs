@@ -72,6 +72,11 @@ impl Sign {
         }
     }
 
+    /// Whether it makes a number of two.
+    fn is_arithmetic(self) -> bool {
+        matches!(self, Self::Add | Self::Subtract | Self::Multiply | Self::Divide | Self::Power)
+    }
+
     /// Whether it compares two numbers by their size.
     pub(crate) fn is_order(self) -> bool {
         matches!(self, Self::Less | Self::AtMost | Self::Greater | Self::AtLeast)
@@ -168,6 +173,13 @@ impl Expr {
         found
     }
 
+    /// Whether a function of this name is called in it.
+    pub(crate) fn has_call(&self, function: &str) -> bool {
+        let mut found = false;
+        self.walk(&mut |e| found |= matches!(e, Self::Call(own, _) if *own == function));
+        found
+    }
+
     /// The same with names replaced.
     pub(crate) fn with(self, replaced: &BTreeMap<String, Expr>) -> Expr {
         self.map(&mut |e| match &e {
@@ -195,6 +207,49 @@ impl Expr {
             }
             _ => return None,
         })
+    }
+
+    /// The same where a number stands: a condition counts as 1 or 0 (SBML level 3 version 2, section 3.4.11).
+    pub(crate) fn as_number(self) -> Expr {
+        let number = |list: Vec<Expr>| list.into_iter().map(Self::as_number).collect();
+        match self {
+            Self::Binary(sign, a, b) if sign.is_arithmetic() => binary(sign, a.as_number(), b.as_number()),
+            Self::True | Self::False | Self::Not(_) | Self::Binary(..) => {
+                Self::If(vec![(Self::Number(1.0), self.as_condition())], Box::new(Self::Number(0.0)))
+            }
+            Self::Minus(a) => Self::Minus(Box::new(a.as_number())),
+            Self::Call(name, list) => Self::Call(name, number(list)),
+            Self::Apply(name, list) => Self::Apply(name, number(list)),
+            Self::If(branches, otherwise) => {
+                let branches = branches.into_iter().map(|(v, c)| (v.as_number(), c.as_condition())).collect();
+                Self::If(branches, Box::new(otherwise.as_number()))
+            }
+            leaf => leaf,
+        }
+    }
+
+    /// The same where a condition stands: a number holds where it is not 0.
+    pub(crate) fn as_condition(self) -> Expr {
+        match self {
+            Self::True | Self::False => self,
+            Self::Not(a) => Self::Not(Box::new(a.as_condition())),
+            Self::Binary(sign @ (Sign::And | Sign::Or), a, b) => binary(sign, a.as_condition(), b.as_condition()),
+            Self::Binary(sign, a, b) if !sign.is_arithmetic() => binary(sign, a.as_number(), b.as_number()),
+            number => binary(Sign::Unequal, number.as_number(), Self::Number(0.0)),
+        }
+    }
+
+    /// Whether a comparison of numbers holds.
+    pub(crate) fn truth(&self) -> Option<bool> {
+        let Self::Binary(sign, a, b) = self else { return None };
+        let (a, b) = (a.value(&|_| None)?, b.value(&|_| None)?);
+        match sign {
+            Sign::Less => Some(a < b),
+            Sign::AtMost => Some(a <= b),
+            Sign::Greater => Some(a > b),
+            Sign::AtLeast => Some(a >= b),
+            _ => None,
+        }
     }
 
     /// The same without a name that is a factor of all of its terms; `None` where it is not.
@@ -323,6 +378,20 @@ mod tests {
             let read = formula(read).map(|e| e.text("t"));
             assert_eq!(read.as_deref(), Ok(written));
         }
+    }
+
+    #[test]
+    fn conditions_are_numbers_and_numbers_conditions_where_they_stand_so() {
+        let cases = [
+            ("2 + (a > 1)", "2 + (if a > 1 then 1 else 0)"),
+            ("piecewise(a, b, 3)", "if b != 0 then a else 3"),
+            ("(a > 1) == (b > 1)", "if (if a > 1 then 1 else 0) == (if b > 1 then 1 else 0) then 1 else 0"),
+            ("a - b*c", "a - b*c"),
+        ];
+        for (read, written) in cases {
+            assert_eq!(formula(read).map(|e| e.as_number().text("t")).as_deref(), Ok(written));
+        }
+        assert_eq!(formula("a > 1").map(|e| e.as_condition().text("t")).as_deref(), Ok("a > 1"));
     }
 
     #[test]

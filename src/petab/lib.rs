@@ -4,9 +4,11 @@
 //! **Never** simulates, and never guesses: what the language or the estimation has not is refused in words, with file, line and column.
 //! **Start** at [`import`] (tables, expressions, values by experiment, text). PEtab: Schmiester and others, PLOS Computational Biology 17 (2021).
 
+mod events;
 mod experiments;
 mod expression;
 mod formula;
+mod history;
 mod mathml;
 mod names;
 mod problem;

@@ -4,6 +4,9 @@ use crate::expression::{DEEPEST, Expr, LONGEST, Sign, binary};
 use crate::formula::{logarithm, piecewise};
 use roxmltree::Node;
 
+/// Avogadro's number as SBML fixes it, that of CODATA 2006 (level 3 version 1, section 3.4.6).
+const AVOGADRO: f64 = 6.022_141_79e23;
+
 /// Reads the `math` element below an element, or what stands in it; `None` where there is none.
 ///
 /// # Errors
@@ -56,7 +59,7 @@ impl Reader {
             "ci" => Ok(Expr::Name(text(node))),
             "csymbol" => match node.attribute("definitionURL").unwrap_or_default().rsplit('/').next() {
                 Some("time") => Ok(Expr::Time),
-                Some("avogadro") => Ok(Expr::Number(6.022_140_76e23)),
+                Some("avogadro") => Ok(Expr::Number(AVOGADRO)),
                 other => Err(format!("the symbol `{}` is not known", other.unwrap_or_default())),
             },
             "true" => Ok(Expr::True),
@@ -110,6 +113,7 @@ impl Reader {
             let symbol = operator.attribute("definitionURL").unwrap_or_default().rsplit('/').next().unwrap_or_default();
             return match (symbol, list.len()) {
                 ("delay", 2) => Ok(Expr::Call("delay", list)),
+                ("rateOf", 1) => Ok(Expr::Call("der", list)),
                 _ => Err(format!("the symbol `{symbol}` is not known")),
             };
         }
@@ -152,7 +156,23 @@ fn operation(name: &str, mut list: Vec<Expr>, degree: Option<Expr>, base: Option
     if let (Some((_, own)), 1) = (inverse.iter().find(|(n, _)| *n == name), list.len()) {
         return Some(binary(Sign::Divide, one(), Expr::Call(own, list)));
     }
+    let arc = [("arcsec", "acos"), ("arccsc", "asin"), ("arccot", "atan")];
+    if let (Some((_, own)), 1) = (arc.iter().find(|(n, _)| *n == name), list.len()) {
+        return Some(Expr::Call(own, vec![binary(Sign::Divide, one(), list.remove(0))]));
+    }
+    let area = [("arccsch", "arcsinh"), ("arcsech", "arccosh"), ("arccoth", "arctanh")];
+    if let (Some((_, own)), 1) = (area.iter().find(|(n, _)| *n == name), list.len()) {
+        return operation(own, vec![binary(Sign::Divide, one(), list.remove(0))], None, None);
+    }
     match (name, list.len()) {
+        ("arcsinh", 1) => Some(area_function(list.remove(0), Sign::Add)),
+        ("arccosh", 1) => Some(area_function(list.remove(0), Sign::Subtract)),
+        ("arctanh", 1) => {
+            let x = list.remove(0);
+            let part = |sign| binary(sign, Expr::Number(1.0), x.clone());
+            let of = Expr::Call("log", vec![binary(Sign::Divide, part(Sign::Add), part(Sign::Subtract))]);
+            Some(binary(Sign::Multiply, Expr::Number(0.5), of))
+        }
         ("plus", 0) => Some(Expr::Number(0.0)),
         ("times", 0) => Some(one()),
         ("plus", _) => chain(Sign::Add, list),
@@ -174,12 +194,13 @@ fn operation(name: &str, mut list: Vec<Expr>, degree: Option<Expr>, base: Option
         ("and", 0) => Some(Expr::True),
         ("or", 0) => Some(Expr::False),
         ("not", 1) => Some(Expr::Not(Box::new(list.remove(0)))),
-        ("xor", 2) => {
+        ("xor", 0) => Some(Expr::False),
+        ("xor", _) => list.into_iter().reduce(|a, b| {
             let not = |e: &Expr| Expr::Not(Box::new(e.clone()));
-            let (first, second) =
-                (binary(Sign::And, list[0].clone(), not(&list[1])), binary(Sign::And, not(&list[0]), list[1].clone()));
-            Some(binary(Sign::Or, first, second))
-        }
+            let (first, second) = (binary(Sign::And, a.clone(), not(&b)), binary(Sign::And, not(&a), b));
+            binary(Sign::Or, first, second)
+        }),
+        ("implies", 2) => Some(binary(Sign::Or, Expr::Not(Box::new(list.remove(0))), list.remove(0))),
         ("lt", 2..) => compared(Sign::Less, &list),
         ("leq", 2..) => compared(Sign::AtMost, &list),
         ("gt", 2..) => compared(Sign::Greater, &list),
@@ -188,6 +209,13 @@ fn operation(name: &str, mut list: Vec<Expr>, degree: Option<Expr>, base: Option
         ("neq", 2) => compared(Sign::Unequal, &list),
         _ => None,
     }
+}
+
+/// `log(x + sqrt(x^2 + 1))`, or with `- 1`.
+fn area_function(x: Expr, sign: Sign) -> Expr {
+    let square = binary(Sign::Power, x.clone(), Expr::Number(2.0));
+    let root = Expr::Call("sqrt", vec![binary(sign, square, Expr::Number(1.0))]);
+    Expr::Call("log", vec![binary(Sign::Add, x, root)])
 }
 
 /// A number: plain, with an exponent, or a ratio.

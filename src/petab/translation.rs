@@ -1,11 +1,12 @@
 //! From SBML and tables to the statements of a model: which names are states, which are known in each experiment, which follow from others.
 
 use crate::Import;
+use crate::events::Event;
 use crate::experiments::{Experiment, Measured, Scale, measured, switch};
-use crate::expression::{Expr, Sign, binary, name};
+use crate::expression::{Expr, Sign, binary, name, times};
 use crate::names::Names;
 use crate::records::{Records, Switch, lead};
-use crate::sbml::{Event, Reaction, Sbml, Species};
+use crate::sbml::{Constant, Reaction, Sbml, Species};
 use crate::tables::{Problem, Row};
 use crate::values::{Channel, Phases, cell, cells, written};
 use crate::version_two::{NEVER, Setting, just_before};
@@ -67,6 +68,8 @@ pub(crate) struct Statements {
     pub(crate) lines: Vec<Line>,
     /// Conditions, and the states that get new values when they become true.
     pub(crate) events: Vec<(Expr, Vec<(String, Expr)>)>,
+    /// What is an output where nothing was measured.
+    pub(crate) shown: Vec<String>,
     pub(crate) remarks: Vec<String>,
     pub(crate) titles: BTreeMap<String, String>,
 }
@@ -74,7 +77,10 @@ pub(crate) struct Statements {
 /// A problem becomes a model and its records.
 pub(crate) fn problem(problem: &Problem, stem: &str) -> Result<Import, Vec<String>> {
     let of_file = |e: Vec<String>| e.into_iter().map(|e| format!("{}: {e}", problem.sbml_file)).collect::<Vec<_>>();
-    let sbml = Sbml::read(&problem.sbml).map_err(of_file);
+    let given = problem.parameters.iter().filter_map(|row| row.get("parameterId"));
+    let changed = problem.changes.iter().flat_map(|c| c.by_experiment.values()).flat_map(|(_, sets)| sets);
+    let given = given.chain(problem.overridden.iter().map(String::as_str)).chain(changed.map(|(id, _)| id.as_str()));
+    let sbml = Sbml::read(&problem.sbml, &given.collect()).map_err(of_file);
     let mut names = Names::default();
     if let Ok(sbml) = &sbml {
         sbml.ids().for_each(|id| names.keep(id));
@@ -150,14 +156,15 @@ fn changes(
             channels.extend(channel);
             assigned.push((target.clone(), e));
         }
-        sbml.events.push(Event { trigger: binary(Sign::AtLeast, Expr::Time, name(&own)), assigned });
+        sbml.events.push(Event { trigger: binary(Sign::AtLeast, Expr::Time, name(&own)), assigned, from_start: false });
     }
     Ok(channels)
 }
 
 /// An SBML model alone becomes a model whose outputs are its states.
 pub(crate) fn model(text: &str, file: &str, stem: &str) -> Result<Import, Vec<String>> {
-    let sbml = Sbml::read(text).map_err(|e| e.into_iter().map(|e| format!("{file}: {e}")).collect::<Vec<_>>())?;
+    let sbml = Sbml::read(text, &BTreeSet::new())
+        .map_err(|e| e.into_iter().map(|e| format!("{file}: {e}")).collect::<Vec<_>>())?;
     let mut names = Names::default();
     sbml.ids().for_each(|id| names.keep(id));
     Builder::new(&sbml, None, Measured::default(), names).import(stem)
@@ -172,6 +179,8 @@ struct Builder<'a> {
     wrong: Vec<String>,
     /// States that get a new value when the experiment begins, with the names that they have for it.
     reset: Vec<Reset>,
+    /// Species whose compartment changes its size, with the states that are their amounts.
+    counted: BTreeMap<String, String>,
 }
 
 /// How a state is set when the experiment begins: it is the sum of what it was before (or its new value) and of its change since.
@@ -190,8 +199,8 @@ struct Reset {
 
 impl<'a> Builder<'a> {
     fn new(sbml: &'a Sbml, problem: Option<&'a Problem>, measured: Measured, names: Names) -> Self {
-        let (statements, wrong, reset) = Default::default();
-        Self { sbml, problem, measured, names, statements, wrong, reset }
+        let (statements, wrong, reset, counted) = Default::default();
+        Self { sbml, problem, measured, names, statements, wrong, reset, counted }
     }
 
     fn import(mut self, stem: &str) -> Result<Import, Vec<String>> {
@@ -207,14 +216,34 @@ impl<'a> Builder<'a> {
         let states = self.state_ids();
         self.refuse_overrides();
         self.constants(&states);
-        let initials: Vec<(String, Expr)> = states.iter().map(|id| (id.clone(), self.initial(id))).collect();
+        let mut initials: Vec<(String, Expr)> = states.iter().map(|id| (id.clone(), self.initial(id))).collect();
+        self.begin(&mut initials);
         for (id, e) in &sbml.assigned {
             self.define(id, Definition::Let(e.clone()));
         }
         self.balances(&states, &initials);
-        self.events();
+        self.events(&initials);
         self.switches();
+        self.shown();
         if self.wrong.is_empty() { Ok(()) } else { Err(std::mem::take(&mut self.wrong)) }
+    }
+
+    /// What a model without measurements shows: its states, and what follows from them; where nothing changes, everything.
+    fn shown(&mut self) {
+        let species = self.sbml.species.iter().map(|s| s.id.as_str());
+        let follows: BTreeSet<&str> = self.sbml.assigned.iter().map(|(id, _)| id.as_str()).chain(species).collect();
+        let Statements { states, definitions, shown, .. } = &mut self.statements;
+        if self.problem.is_some() {
+            return;
+        }
+        let is_let = |d: &Definition| matches!(d, Definition::Let(_));
+        shown.extend(states.iter().map(|s| s.id.clone()));
+        shown.extend(
+            definitions.iter().filter(|(id, d)| is_let(d) && follows.contains(id.as_str())).map(|(id, _)| id.clone()),
+        );
+        if shown.is_empty() {
+            shown.extend(definitions.iter().map(|(id, _)| id.clone()));
+        }
     }
 
     fn define(&mut self, id: &str, definition: Definition) {
@@ -238,6 +267,15 @@ impl<'a> Builder<'a> {
 
     fn is_assigned(&self, id: &str) -> bool {
         self.sbml.assigned.iter().any(|(a, _)| a == id)
+    }
+
+    /// Whether a rule, an initial assignment or a table says what it is.
+    fn is_set(&self, id: &str) -> bool {
+        let by_table = |p: &Problem| p.overridden.iter().any(|c| c == id);
+        self.is_assigned(id)
+            || self.sbml.initial.contains_key(id)
+            || self.param_row(id).is_some()
+            || self.problem.is_some_and(by_table)
     }
 
     fn rate(&self, id: &str) -> Option<&Expr> {
@@ -279,15 +317,23 @@ impl<'a> Builder<'a> {
     /// Everything that does not change by itself: parameters, compartments, species that nothing changes, and what only tables name.
     fn constants(&mut self, states: &[String]) {
         let sbml = self.sbml;
+        let bare = sbml.compartments.iter().filter(|c| c.value.is_none() && !self.is_set(&c.id));
+        let told = |c: &Constant| format!("the compartment `{}` has no size in the model: it is 1", c.id);
+        let mut remarks: Vec<String> = bare.map(told).collect();
         let compartments = sbml.compartments.iter().map(|c| (c.id.clone(), c.value.or(Some(1.0))));
         let parameters = sbml.parameters.iter().map(|p| (p.id.clone(), p.value));
         let changes = |id: &str| states.iter().any(|s| s == id) || self.is_assigned(id);
-        let (mut all, mut remarks): (Vec<(String, Option<Expr>)>, Vec<String>) = Default::default();
+        let mut all: Vec<(String, Option<Expr>)> = Vec::new();
         for (id, value) in compartments.chain(parameters).filter(|(id, _)| !changes(id)) {
             let value = sbml.initial.get(&id).map(|e| self.at_beginning(e.clone(), states)).or(value.map(Expr::Number));
             all.push((id, value));
         }
-        for species in sbml.species.iter().filter(|s| !changes(&s.id)) {
+        let still: Vec<&Species> = sbml.species.iter().filter(|s| !changes(&s.id)).collect();
+        for species in still {
+            if !species.is_amount && self.volume_varies(&species.compartment) {
+                self.diluted(species, states);
+                continue;
+            }
             let value = self.species_initial(species).map(|e| self.at_beginning(e, states));
             let is_set = self.problem.is_some_and(|p| p.overridden.contains(&species.id));
             let value = value.or_else(|| {
@@ -307,6 +353,20 @@ impl<'a> Builder<'a> {
             self.constant(&id, default);
         }
         self.statements.remarks.extend(remarks);
+    }
+
+    /// A species that nothing makes or takes, in a compartment that changes its size.
+    fn diluted(&mut self, species: &Species, states: &[String]) {
+        let own = self.names.fresh(&format!("{}_amount", species.id));
+        let size = name(&species.compartment);
+        if self.cells(&species.id).is_some() {
+            self.wrong
+                .push(format!("the table of conditions sets `{}`, whose compartment changes its size", species.id));
+        }
+        let initial = self.species_initial(species).unwrap_or(Expr::Number(0.0));
+        let amount = self.at_beginning(binary(Sign::Multiply, initial, size.clone()), states);
+        self.at_rest(&own, amount);
+        self.define(&species.id, Definition::Let(binary(Sign::Divide, name(&own), size)));
     }
 
     /// `e` when the simulation begins, where it changes later.
@@ -337,6 +397,8 @@ impl<'a> Builder<'a> {
                 Some(Expr::Number(v)) => {
                     self.define(id, Definition::Number(v));
                 }
+                // what is known of the beginning alone is a state at rest
+                Some(e @ Expr::Call("initial", _)) => self.at_rest(id, e),
                 Some(e) => self.define(id, Definition::Let(e)),
                 // an error only where something needs it
                 None => {}
@@ -383,6 +445,43 @@ impl<'a> Builder<'a> {
         }
     }
 
+    fn at_rest(&mut self, id: &str, initial: Expr) {
+        let title = self.sbml.titles.get(id).cloned();
+        let rate = Some(Expr::Number(0.0));
+        self.statements.states.push(State { id: id.into(), initial, rate, reacts: false, title });
+    }
+
+    /// Events that happen when the simulation begins: their values in the place of initial ones, where their conditions hold then.
+    fn begin(&self, initials: &mut [(String, Expr)]) {
+        let before: BTreeMap<String, Expr> = initials.iter().cloned().collect();
+        for event in self.sbml.events.iter().filter(|e| e.from_start) {
+            let condition = self.at_zero(&event.trigger, &before, 0);
+            for (id, value) in &event.assigned {
+                if let Some((_, initial)) = initials.iter_mut().find(|(own, _)| own == id) {
+                    let value = self.at_zero(value, &before, 0);
+                    *initial = match condition.truth() {
+                        Some(true) => value,
+                        Some(false) => continue,
+                        None => Expr::If(vec![(value, condition.clone())], Box::new(initial.clone())),
+                    };
+                }
+            }
+        }
+    }
+
+    /// `e` when the simulation begins, with values for some names.
+    fn at_zero(&self, e: &Expr, by: &BTreeMap<String, Expr>, depth: usize) -> Expr {
+        e.clone().map(&mut |part| match &part {
+            Expr::Time => Expr::Number(0.0),
+            Expr::Name(id) => match (by.get(id), self.sbml.assigned.iter().find(|(own, _)| own == id)) {
+                (Some(value), _) => value.clone(),
+                (None, Some((_, rule))) if depth < 16 => self.at_zero(rule, by, depth + 1),
+                _ => part,
+            },
+            _ => part,
+        })
+    }
+
     /// What SBML says of the value of a species at the beginning, as its name means it.
     fn species_initial(&self, species: &Species) -> Option<Expr> {
         if let Some(e) = self.sbml.initial.get(&species.id) {
@@ -415,7 +514,7 @@ impl<'a> Builder<'a> {
     }
 
     fn volume_varies(&self, id: &str) -> bool {
-        self.is_assigned(id) || self.rate(id).is_some()
+        self.is_assigned(id) || self.rate(id).is_some() || self.sbml.resized.contains(id)
     }
 
     /// The initial value of a state; a new value at the beginning of an experiment is noted.
@@ -490,30 +589,77 @@ impl<'a> Builder<'a> {
         value
     }
 
+    /// What an event sets as a state: of a concentration in a compartment that changes its size the amount, by the size just before (semantic test
+    /// suite, 01779).
+    fn set(&self, id: &str, value: &Expr) -> (String, Expr) {
+        match (self.counted.get(id), self.sbml.species.iter().find(|s| s.id == id)) {
+            (Some(amount), Some(species)) => (amount.clone(), times(value.clone(), name(&species.compartment))),
+            _ => (id.into(), value.clone()),
+        }
+    }
+
+    /// Whether a comparison holds from one time on, whatever the model does.
+    fn is_clock(&self, e: &Expr) -> bool {
+        let later = matches!(e, Expr::Binary(Sign::AtLeast, a, _) if **a == Expr::Time);
+        later && !e.names().iter().any(|id| self.statements.states.iter().any(|s| s.id == *id) || self.is_assigned(id))
+    }
+
+    /// The first `>=` or `<=` of a condition whose sides are equal when the simulation begins, where they are numbers then.
+    fn holds_exactly(&self, condition: &Expr, initials: &[(String, Expr)]) -> Option<Expr> {
+        let before: BTreeMap<String, Expr> = initials.iter().cloned().collect();
+        let at_zero = |e: &Expr| {
+            // initial values that name others
+            let first = self.at_zero(e, &before, 0);
+            self.known(&self.at_zero(&first, &before, 0), 0, 0)
+        };
+        let mut found = None;
+        condition.walk(&mut |part| {
+            if let Expr::Binary(Sign::AtLeast | Sign::AtMost, a, b) = part
+                && let (Some(a), Some(b)) = (at_zero(a), at_zero(b))
+                && a == b
+            {
+                found = found.take().or(Some(part.clone()));
+            }
+        });
+        found
+    }
+
     /// What events make of the states.
-    fn events(&mut self) {
+    fn events(&mut self, initials: &[(String, Expr)]) {
         let sbml = self.sbml;
         for event in &sbml.events {
             for (id, _) in &event.assigned {
                 let why = if self.is_assigned(id) {
                     "follows from a rule at all times"
+                } else if self.counted.contains_key(id) && self.problem.is_some() {
+                    "is a concentration in a compartment whose size another event sets, which PEtab and SBML mean differently: set an amount"
                 } else if self.reset.iter().any(|r| r.id == *id) {
                     "gets a new value after pre-equilibration, which is not read together with events"
-                } else if !self.statements.states.iter().any(|s| s.id == *id) {
-                    "stands for an amount in a compartment that changes its size"
                 } else {
                     continue;
                 };
                 self.wrong.push(format!("an event sets `{id}`, which {why}"));
             }
-            self.statements.events.push((event.trigger.clone(), event.assigned.clone()));
+            match self.holds_exactly(&event.trigger, initials) {
+                Some(part) if part == event.trigger && self.is_clock(&part) => {
+                    let said = "holds from the beginning on, so that it never becomes true: it is left out";
+                    self.statements.remarks.push(format!("the event `{}` {said}", part.text("time")));
+                    continue;
+                }
+                Some(part) => {
+                    let said = "are equal at the beginning, where nothing tells on which side it starts: begin apart from it, or write it without `=`";
+                    self.wrong.push(format!("an event: the sides of `{}` {said}", part.text("time")));
+                }
+                None => {}
+            }
+            let assigned = event.assigned.iter().map(|(id, value)| self.set(id, value)).collect();
+            self.statements.events.push((event.trigger.clone(), assigned));
         }
     }
 
     /// What reactions and rules make of the states.
     fn balances(&mut self, states: &[String], initials: &[(String, Expr)]) {
         let sbml = self.sbml;
-        // species whose compartment grows are counted as amounts
         let mut counted: BTreeMap<String, String> = BTreeMap::new();
         let by_volume = |s: &&Species| states.contains(&s.id) && !s.is_amount && self.rate(&s.id).is_none();
         let by_volume: Vec<&Species> = sbml.species.iter().filter(by_volume).collect();
@@ -524,22 +670,39 @@ impl<'a> Builder<'a> {
                 self.wrong.push(format!("the size of `{}` changes when an experiment begins", s.compartment));
             }
         }
+        self.counted.clone_from(&counted);
         let referred = self.referred();
-        let mut outside: BTreeMap<&str, Vec<(f64, &str)>> = BTreeMap::new();
+        let mut outside: BTreeMap<&str, Vec<(Expr, &str)>> = BTreeMap::new();
+        let set = |id: &str| sbml.events.iter().flat_map(|e| &e.assigned).any(|(own, _)| own == id);
+        let held = |id: &str| sbml.species.iter().any(|s| s.id == id && s.is_held);
+        let free = |id: &str| states.iter().any(|s| s == id) && self.rate(id).is_none() && !held(id);
         let mut inside: BTreeSet<&str> = BTreeSet::new();
+        let (mut flows, mut lines) = (Vec::new(), Vec::new());
         for reaction in &sbml.reactions {
-            let net = net(reaction, states, |id| self.rate(id).is_some());
+            let net = net(reaction, &free);
+            // what reactions do not change would be changed by the line
+            let rests = |id: &str| self.statements.states.iter().any(|s| s.id == id);
+            let kept = reaction
+                .reactants
+                .iter()
+                .chain(&reaction.products)
+                .any(|(id, _)| rests(id) || states.contains(id) && !free(id));
             match self.line(reaction, &net, &counted) {
-                Some(line) if !referred.contains(&reaction.id) => {
+                Some(line) if !referred.contains(&reaction.id) && !kept => {
                     inside.extend(net.iter().map(|(id, _)| *id));
-                    self.statements.lines.push(line);
+                    // what it takes and gives back stands in the line too
+                    let all = reaction.reactants.iter().chain(&reaction.products).map(|(id, _)| id.as_str());
+                    inside.extend(all.filter(|id| set(id)));
+                    lines.push(line);
                 }
                 _ => {
-                    self.define(&reaction.id, Definition::Let(reaction.law.clone()));
-                    net.iter().for_each(|(id, count)| outside.entry(*id).or_default().push((*count, &reaction.id)));
+                    flows.push((reaction.id.clone(), reaction.law.clone()));
+                    net.into_iter().for_each(|(id, count)| outside.entry(id).or_default().push((count, &reaction.id)));
                 }
             }
         }
+        self.statements.lines = lines;
+        flows.into_iter().for_each(|(id, law)| self.define(&id, Definition::Let(law)));
         for (id, initial) in initials {
             let species = sbml.species.iter().find(|s| s.id == *id);
             let rate = match self.rate(id) {
@@ -555,9 +718,8 @@ impl<'a> Builder<'a> {
                 }),
             };
             let reacts = inside.contains(id.as_str());
-            let set = sbml.events.iter().flat_map(|e| &e.assigned).any(|(own, _)| own == id);
             // what only events change is at rest between them
-            let rate = rate.or_else(|| (set && !reacts).then_some(Expr::Number(0.0)));
+            let rate = rate.or_else(|| (set(id) && !reacts).then_some(Expr::Number(0.0)));
             if rate.is_none() && !reacts {
                 // its reactions make as much as they take
                 self.define(id, Definition::Let(self.at_beginning(initial.clone(), states)));
@@ -629,12 +791,16 @@ impl<'a> Builder<'a> {
         let ids: BTreeSet<&str> = self.sbml.reactions.iter().map(|r| r.id.as_str()).collect();
         let formulas = self.sbml.assigned.iter().chain(&self.sbml.rates).map(|(_, e)| e);
         let formulas = formulas.chain(self.sbml.reactions.iter().map(|r| &r.law)).chain(self.sbml.initial.values());
+        let events = self.sbml.events.iter();
+        let formulas = formulas.chain(events.flat_map(|e| e.assigned.iter().map(|(_, e)| e).chain([&e.trigger])));
+        let sides = self.sbml.reactions.iter().flat_map(|r| r.reactants.iter().chain(&r.products));
+        let formulas = formulas.chain(sides.map(|(_, count)| count));
         let formulas = formulas.chain(self.measured.outputs.iter().flat_map(|o| [&o.formula, &o.noise]));
         formulas.flat_map(Expr::names).filter(|n| ids.contains(n)).map(String::from).collect()
     }
 
     /// A reaction as a line of `reactions`, where its rate means the same for all that react.
-    fn line(&self, reaction: &Reaction, net: &[(&str, f64)], counted: &BTreeMap<String, String>) -> Option<Line> {
+    fn line(&self, reaction: &Reaction, net: &[(&str, Expr)], counted: &BTreeMap<String, String>) -> Option<Line> {
         let species = |id: &str| self.sbml.species.iter().find(|s| s.id == id);
         let all: Vec<&Species> = net.iter().filter_map(|(id, _)| species(id)).collect();
         let is_reset = |id: &str| self.reset.iter().any(|r| r.id == id);
@@ -646,10 +812,14 @@ impl<'a> Builder<'a> {
         if all.iter().any(|s| is_amount(s) != is_amount(first) || !is_amount(s) && s.compartment != first.compartment) {
             return None;
         }
-        let whole = |list: &[(String, f64)]| list.iter().all(|(_, n)| n.is_finite() && *n > 0.0);
-        if !whole(&reaction.reactants) || !whole(&reaction.products) {
-            return None;
-        }
+        let side = |list: &[(String, Expr)]| -> Option<Vec<(String, f64)>> {
+            let each = list.iter().map(|(id, count)| match count {
+                Expr::Number(n) if n.is_finite() && *n > 0.0 => Some((counted.get(id).unwrap_or(id).clone(), *n)),
+                _ => None,
+            });
+            each.collect()
+        };
+        let (left, right) = (side(&reaction.reactants)?, side(&reaction.products)?);
         let rate = if is_amount(first) {
             reaction.law.clone()
         } else {
@@ -660,11 +830,7 @@ impl<'a> Builder<'a> {
                 (None, _) => binary(Sign::Divide, reaction.law.clone(), name(volume)),
             }
         };
-        let side = |list: &[(String, f64)]| {
-            let called = |id: &String| counted.get(id).unwrap_or(id).clone();
-            list.iter().map(|(id, n)| (called(id), *n)).collect()
-        };
-        Some(Line { left: side(&reaction.reactants), right: side(&reaction.products), rate })
+        Some(Line { left, right, rate })
     }
 
     /// Comparisons of time with what is known in each experiment become inputs, so that no step of the integration crosses a switch.
@@ -824,30 +990,40 @@ impl<'a> Builder<'a> {
     }
 }
 
-/// How many of each state a reaction makes.
-fn net<'a>(reaction: &'a Reaction, states: &[String], by_rule: impl Fn(&str) -> bool) -> Vec<(&'a str, f64)> {
-    let mut net: Vec<(&str, f64)> = Vec::new();
-    for (list, sign) in [(&reaction.reactants, -1.0), (&reaction.products, 1.0)] {
-        for (id, count) in list.iter().filter(|(id, _)| states.contains(id) && !by_rule(id)) {
-            match net.iter_mut().find(|(n, _)| n == id) {
-                Some((_, total)) => *total += sign * count,
-                None => net.push((id, sign * count)),
-            }
+/// How many of each state that is free a reaction makes.
+fn net<'a>(reaction: &'a Reaction, free: &dyn Fn(&str) -> bool) -> Vec<(&'a str, Expr)> {
+    let mut net: Vec<(&str, Expr)> = Vec::new();
+    for (list, sign) in [(&reaction.reactants, Sign::Subtract), (&reaction.products, Sign::Add)] {
+        for (id, count) in list.iter().filter(|(id, _)| free(id)) {
+            let place = net.iter().position(|(n, _)| n == id).unwrap_or_else(|| {
+                net.push((id, Expr::Number(0.0)));
+                net.len() - 1
+            });
+            let total = std::mem::replace(&mut net[place].1, Expr::Number(0.0));
+            net[place].1 = match (total, count, sign) {
+                (Expr::Number(a), Expr::Number(b), Sign::Subtract) => Expr::Number(a - b),
+                (Expr::Number(a), Expr::Number(b), _) => Expr::Number(a + b),
+                (Expr::Number(0.0), count, Sign::Subtract) => Expr::Minus(Box::new(count.clone())),
+                (Expr::Number(0.0), count, _) => count.clone(),
+                (total, count, sign) => binary(sign, total, count.clone()),
+            };
         }
     }
-    net.retain(|(_, count)| *count != 0.0);
+    net.retain(|(_, count)| *count != Expr::Number(0.0));
     net
 }
 
 /// `-v1 + 2*v2`.
-fn sum(terms: &[(f64, &str)]) -> Expr {
+fn sum(terms: &[(Expr, &str)]) -> Expr {
     let mut total: Option<Expr> = None;
     for (count, reaction) in terms {
-        let term = match count.abs() {
-            1.0 => name(reaction),
-            n => binary(Sign::Multiply, Expr::Number(n), name(reaction)),
+        let (adds, size) = match count {
+            Expr::Number(n) => (*n > 0.0, Expr::Number(n.abs())),
+            Expr::Minus(e) => (false, (**e).clone()),
+            e => (true, e.clone()),
         };
-        total = Some(match (total, *count > 0.0) {
+        let term = times(size, name(reaction));
+        total = Some(match (total, adds) {
             (None, true) => term,
             (None, false) => Expr::Minus(Box::new(term)),
             (Some(before), true) => binary(Sign::Add, before, term),

@@ -104,17 +104,36 @@ impl Text<'_> {
             open.extend(e.names().into_iter().map(|n| (n, *of)));
         }
         let (mut used, mut missing) = (BTreeSet::new(), BTreeMap::new());
-        while let Some((id, of)) = open.pop() {
-            if !all.contains(id) {
-                missing.entry(id.to_string()).or_insert(of.to_string());
-                continue;
+        open.extend(statements.shown.iter().map(|id| (id.as_str(), "output")));
+        // what is read alone is changed by hand: everything stays that can
+        let alone = self.measured.outputs.is_empty();
+        let mut spare = by_name.keys().filter(|_| alone);
+        let mut first = true;
+        loop {
+            let (mut found, mut lacks) = (BTreeSet::new(), BTreeMap::new());
+            while let Some((id, of)) = open.pop() {
+                if !all.contains(id) {
+                    lacks.entry(id.to_string()).or_insert(of.to_string());
+                    continue;
+                }
+                if used.contains(id) || !found.insert(id.to_string()) {
+                    continue;
+                }
+                if let Some(Definition::Let(e)) = by_name.get(id) {
+                    ask(e);
+                    open.extend(e.names().into_iter().map(|n| (n, id)));
+                }
             }
-            if !used.insert(id.to_string()) {
-                continue;
+            if first || lacks.is_empty() {
+                used.append(&mut found);
             }
-            if let Some(Definition::Let(e)) = by_name.get(id) {
-                ask(e);
-                open.extend(e.names().into_iter().map(|n| (n, id)));
+            if first {
+                missing = lacks;
+            }
+            first = false;
+            match spare.next() {
+                Some(id) => open.push((id, id)),
+                None => break,
             }
         }
         if let (Some(horizon), true) = (self.horizon, timed) {
@@ -124,10 +143,24 @@ impl Text<'_> {
         if missing.is_empty() { Ok(used) } else { Err(missing.iter().map(told).collect()) }
     }
 
-    /// An expression in the names of the model.
+    /// A number in the names of the model.
     fn show(&self, e: &Expr) -> String {
+        self.written(e.clone().as_number())
+    }
+
+    /// An expression in the names of the model.
+    fn written(&self, e: Expr) -> String {
         let renamed = self.names.renamed.iter().map(|(id, own)| (id.clone(), name(own))).collect();
-        e.clone().with(&renamed).text(self.time)
+        let follows = |id: &str| {
+            self.statements.states.iter().any(|s| s.id == id)
+                || self.statements.definitions.iter().any(|(own, d)| own == id && matches!(d, Definition::Let(_)))
+        };
+        // a derivative of what does not change
+        let moving = e.map(&mut |part| match &part {
+            Expr::Call("der", list) if matches!(&list[..], [Expr::Name(id)] if !follows(id)) => Expr::Number(0.0),
+            _ => part,
+        });
+        moving.with(&renamed).text(self.time)
     }
 
     fn called<'b>(&'b self, id: &'b str) -> &'b str {
@@ -200,7 +233,12 @@ impl Text<'_> {
         }
         for (condition, sets) in &statements.events {
             let each = sets.iter().map(|(id, e)| format!("{} = {};", self.called(id), self.show(e)));
-            let _ = writeln!(out, "  when {} {{ {} }}", self.show(condition), each.collect::<Vec<_>>().join(" "));
+            let _ = writeln!(
+                out,
+                "  when {} {{ {} }}",
+                self.written(condition.clone().as_condition()),
+                each.collect::<Vec<_>>().join(" ")
+            );
         }
         out.push('\n');
         self.outputs(&mut out);
@@ -281,10 +319,10 @@ impl Text<'_> {
         }
         if self.measured.outputs.is_empty() {
             let mut names = Names::default();
-            let used = self.statements.states.iter().map(|s| self.called(&s.id));
-            used.clone().for_each(|id| names.keep(id));
-            self.statements.definitions.iter().for_each(|(id, _)| names.keep(self.called(id)));
-            for id in used {
+            let all = self.statements.states.iter().map(|s| &s.id);
+            let all = all.chain(self.statements.definitions.iter().map(|(id, _)| id));
+            all.for_each(|id| names.keep(self.called(id)));
+            for id in self.statements.shown.iter().map(|id| self.called(id)) {
                 let _ = writeln!(out, "  output {} = {id};", names.fresh(&format!("{id}_m")));
             }
         }

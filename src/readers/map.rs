@@ -70,6 +70,9 @@ pub struct TimeMap {
     /// An even grid instead, in samples per second.
     #[serde(default)]
     pub rate: Option<f64>,
+    /// The instant that is the model's time 0, in the times of the samples [default: the first sample].
+    #[serde(default)]
+    pub begin: Option<f64>,
     /// Longest time without a sample that is bridged, in seconds [default: ten intervals of the topic].
     #[serde(default)]
     pub longest_gap: Option<f64>,
@@ -197,6 +200,9 @@ impl RecordMap {
                 return wrong(format!("time.{key}"), value, "a number above zero");
             }
         }
+        if let Some(begin) = map.time.begin.filter(|b| !b.is_finite()) {
+            return wrong("time.begin".into(), begin, "a time");
+        }
         if let Some(unit) = map.time.unit.as_ref().filter(|u| crate::log::in_seconds(u).is_none()) {
             return Err(MapError::Value {
                 key: "time.unit".into(),
@@ -270,7 +276,8 @@ fn toml_text(map: &RecordMap) -> String {
         for (key, value) in [("from", &map.time.from), ("unit", &map.time.unit), ("samples", &map.time.samples)] {
             value.iter().for_each(|v| line(format!("{key} = {v:?}")));
         }
-        for (key, value) in [("rate", map.time.rate), ("longest_gap", map.time.longest_gap)] {
+        for (key, value) in [("rate", map.time.rate), ("longest_gap", map.time.longest_gap), ("begin", map.time.begin)]
+        {
             value.iter().for_each(|v| line(format!("{key} = {v:?}")));
         }
         line(String::new());

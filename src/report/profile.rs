@@ -107,7 +107,9 @@ pub(crate) fn remark(p: &Profile, end: End, side: &str) -> String {
     match end {
         End::At(_) => String::new(),
         End::Open(_) => format!("{name} is open to the {side}: the cost has not risen enough at {value}\n"),
-        End::Bound(_) => format!("{name}: its bound {value} stands inside the interval\n"),
+        End::Bound(_) => format!(
+            "{name}: its bound {value} closes the interval: before it the cost rises by less than chance explains\n"
+        ),
         End::Astray(_) => format!("{name}: no minimum is found to the {side} of {value}\n"),
         End::Interrupted(_) => format!("{name}: interrupted at {value}, to the {side}\n"),
     }

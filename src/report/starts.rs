@@ -13,7 +13,8 @@ pub fn starts_table(starts: &[StartSummary], count: usize) -> String {
     let mut table = plain(&["start", "cost", "minimum", "distance", "iterations", "end"]);
     let mut order: Vec<&StartSummary> = starts.iter().filter(|s| s.cost.is_some()).collect();
     let cost = |s: &StartSummary| s.cost.unwrap_or(f64::INFINITY);
-    order.sort_by(|a, b| cost(a).total_cmp(&cost(b)).then(a.number.cmp(&b.number)));
+    let rank = |s: &StartSummary| s.minimum.unwrap_or(usize::MAX);
+    order.sort_by(|a, b| rank(a).cmp(&rank(b)).then(cost(a).total_cmp(&cost(b))).then(a.number.cmp(&b.number)));
     for s in order.iter().take(SHOWN) {
         let number = if s.number == 1 { String::from("given") } else { s.number.to_string() };
         table.add_row([
@@ -28,7 +29,7 @@ pub fn starts_table(starts: &[StartSummary], count: usize) -> String {
     (0..5).for_each(|column| aligned_right(&mut table, column));
     let mut text = trimmed(&table);
     if order.len() > SHOWN {
-        text.push_str(&format!("and {} more with a higher cost\n", order.len() - SHOWN));
+        text.push_str(&format!("and {} more\n", order.len() - SHOWN));
     }
     text.push_str(&closing(starts, count));
     text
@@ -108,6 +109,9 @@ mod tests {
             minimum,
             distance: minimum.map(|m| (m - 1) as f64 / 2.0),
             values: vec![1.0],
+            errors: vec![None],
+            reached: Vec::new(),
+            degenerate: Vec::new(),
         }
     }
 

@@ -3,7 +3,7 @@
 
 use fdm::estimate::{Changes, FitOptions, fit};
 use fdm::record::Run;
-use fdm::simulate::{Simulator, Steps, choose_steps};
+use fdm::simulate::{Simulator, StepOptions, Steps, choose_steps};
 use fdm::{Model, code};
 use std::f64::consts::PI;
 use support::model;
@@ -355,7 +355,7 @@ fn nonlinear_delay_equations_converge_with_order_three_across_kinks() {
         let at = |t: f64| exact[(t / 0.125).round() as usize];
         let errors = errors(&nonlinear, &run, &[], at);
         assert!(order(&errors) > 2.5, "{case}: {errors:?}");
-        let chosen = choose_steps(nonlinear.dynamics(), &run, &[0.7312]).expect("suited");
+        let chosen = choose_steps(nonlinear.dynamics(), &run, &[0.7312], &StepOptions::default()).expect("suited");
         let y = response(&nonlinear, &run, chosen.steps.clone(), &[0.7312]);
         let (low, high) = exact.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(*x), h.max(*x)));
         let error = y.iter().zip(&exact).fold(0.0_f64, |e, (y, x)| e.max((y - x).abs())) / (high - low);

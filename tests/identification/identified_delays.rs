@@ -4,7 +4,7 @@
 use fdm::Model;
 use fdm::estimate::{Changes, FitOptions, fit};
 use fdm::record::Run;
-use fdm::simulate::{Simulator, choose_steps};
+use fdm::simulate::{Simulator, StepOptions, choose_steps};
 
 const TRUTH: [(&str, f64); 5] =
     [("T", 11.3), ("K", 0.087), ("tau_order", 1.73), ("tau_loop", 2.62), ("tau_display", 0.41)];
@@ -33,7 +33,7 @@ fn record(model: &Model) -> Run {
     for (name, value) in TRUTH {
         theta[model.definition().param(name).unwrap()] = value;
     }
-    let fine = choose_steps(model.dynamics(), &run, &theta).unwrap().steps.halved();
+    let fine = choose_steps(model.dynamics(), &run, &theta, &StepOptions::default()).unwrap().steps.halved();
     let mut y = vec![0.0; run.measured.len()];
     Simulator::new(model.dynamics(), &run, fine).unwrap().simulate(&theta, &mut y).unwrap();
     run.measured = y;

@@ -395,7 +395,14 @@ fn an_actuator_reaches_its_stop_and_leaves_it_without_delay() {
         output_gaps: vec![0; 3],
         time,
     };
-    let steps = fdm::simulate::choose_steps(model.dynamics(), &run, &model.definition().start()).expect("suited").steps;
+    let steps = fdm::simulate::choose_steps(
+        model.dynamics(),
+        &run,
+        &model.definition().start(),
+        &fdm::simulate::StepOptions::default(),
+    )
+    .expect("suited")
+    .steps;
     let mut simulator = Simulator::new(model.dynamics(), &run, steps).expect("suited");
     let mut y = vec![0.0; 3 * run.len()];
     simulator.simulate(&model.definition().start(), &mut y).expect("finite");

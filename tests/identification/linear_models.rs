@@ -3,7 +3,7 @@
 
 use fdm::Model;
 use fdm::record::Run;
-use fdm::simulate::{Scheme, Simulator, Steps, choose_steps};
+use fdm::simulate::{Scheme, Simulator, StepOptions, Steps, choose_steps};
 use std::f64::consts::PI;
 use support::model;
 
@@ -35,7 +35,10 @@ fn columns(model: &Model) -> Vec<usize> {
 
 fn exact(model: &Model) -> Scheme {
     let run = run(model, even(3, 0.1));
-    choose_steps(model.dynamics(), &run, &model.definition().start()).expect("suited").steps.scheme()
+    choose_steps(model.dynamics(), &run, &model.definition().start(), &StepOptions::default())
+        .expect("suited")
+        .steps
+        .scheme()
 }
 
 /// Outputs and Jacobian.
@@ -138,7 +141,8 @@ fn many_states_are_discretised_exactly_where_steps_would_be_short() {
     };
     let chosen = |model: &Model| {
         let run = run(model, even(300, 0.1));
-        let found = choose_steps(model.dynamics(), &run, &model.definition().start()).expect("suited");
+        let found =
+            choose_steps(model.dynamics(), &run, &model.definition().start(), &StepOptions::default()).expect("suited");
         assert!(found.error <= 1e-8, "{found:?}");
         found.steps.scheme()
     };
@@ -252,6 +256,7 @@ fn divergence_is_found_at_its_step() {
 fn uneven_samples_are_left_to_runge_kutta() {
     let lag = model("model m { input u; param k = 2; state x; der(x) = k*(u - x); output y = x; }");
     let run = run(&lag, (0..60).map(|k| 0.1 * f64::from(k) + 0.002 * f64::from(k * k)).collect());
-    let chosen = choose_steps(lag.dynamics(), &run, &lag.definition().start()).expect("suited");
+    let chosen =
+        choose_steps(lag.dynamics(), &run, &lag.definition().start(), &StepOptions::default()).expect("suited");
     assert!(chosen.steps.scheme() == Scheme::RungeKutta && chosen.error < 1e-8, "{chosen:?}");
 }

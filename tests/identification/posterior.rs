@@ -3,12 +3,15 @@
 use fdm::Model;
 use fdm::posterior::{Given, Posterior, Samples, Sampling, sample};
 use fdm::record::{ReadOptions, Run};
-use fdm::simulate::choose_steps;
+use fdm::simulate::{StepOptions, choose_steps};
 use support::{model, repository};
 
 fn drawn(model: &Model, runs: Vec<Run>, target: f64) -> Samples {
     let theta = model.definition().start();
-    let steps = runs.iter().map(|run| choose_steps(model.dynamics(), run, &theta).unwrap().steps).collect();
+    let steps = runs
+        .iter()
+        .map(|run| choose_steps(model.dynamics(), run, &theta, &StepOptions::default()).unwrap().steps)
+        .collect();
     let noise = vec![(f64::NAN, false); model.layout().outputs];
     let theta = vec![theta; runs.len()];
     let posterior = Posterior::new(Given { model, runs, steps, theta, noise }).unwrap();

@@ -11,7 +11,7 @@ use crate::screening::Shape;
 use fdm_grammar::effect::Kind;
 use fdm_grammar::syntax::Class;
 use fdm_system::model::Model;
-use fdm_system::simulate::{choose_steps_within, integration_error};
+use fdm_system::simulate::{StepOptions, choose_steps, integration_error};
 
 /// Points whose responses are looked at before a fit begins at any.
 const LOOKED_AT: usize = 12;
@@ -379,7 +379,9 @@ impl ForwardStep<'_> {
         let (values, starts) = &begun[worst];
         let own = |r: usize| {
             let theta = starts.get(r).cloned().unwrap_or_else(|| trace.attached.theta(&self.current, r, values));
-            let chosen = choose_steps_within(model.dynamics(), &runs.all[r], &theta, ACCURATE).ok()?;
+            let chosen =
+                choose_steps(model.dynamics(), &runs.all[r], &theta, &StepOptions::default().to(Some(ACCURATE)))
+                    .ok()?;
             let most = MOST_STEPS * runs.all[r].len();
             (chosen.error < COARSE && chosen.steps.total(runs.all[r].len()) <= most).then_some(chosen.steps)
         };

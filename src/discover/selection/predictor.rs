@@ -11,7 +11,7 @@ use fdm_grammar::model::Param;
 use fdm_system::dynamics::Dynamics;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
-use fdm_system::simulate::{Divergence, Scheme, Simulator, Steps, choose_steps_within};
+use fdm_system::simulate::{Divergence, Scheme, Simulator, StepOptions, Steps, choose_steps};
 use std::sync::Arc;
 
 /// Steps of an interval that are not halved for a fit: kinks want more of them than they are worth.
@@ -57,7 +57,9 @@ impl Predictor {
 
     fn in_time(model: &Model, (run, theta): (&Run, &[f64]), tolerance: f64) -> Result<Self, DiagnosisError> {
         let unsuited = |reason| DiagnosisError::Unsuited { run: run.name.clone(), reason };
-        let chosen = choose_steps_within(model.dynamics(), run, theta, tolerance).map_err(unsuited)?.steps;
+        let chosen = choose_steps(model.dynamics(), run, theta, &StepOptions::default().to(Some(tolerance)))
+            .map_err(unsuited)?
+            .steps;
         let mut simulator = Simulator::new(model.dynamics(), run, chosen.clone()).map_err(unsuited)?;
         simulator.suits(theta).map_err(unsuited)?;
         Ok(Self::Steps(chosen))

@@ -158,10 +158,14 @@ fn concluded(
         correlations,
         corrected_covariance,
         colours: Vec::new(),
+        spectral_colours: Vec::new(),
+        curvature: Vec::new(),
         uncorrected: Some(Uncorrected::Innovations),
         noise_variation: Vec::new(),
         noise: Some(covariance_of(setting, &values)),
         noise_free: Vec::new(),
+        leverages: Vec::new(),
+        degenerate: Vec::new(),
         bias_corrections: Vec::new(),
         undetermined: statistics.directions,
         determined_by_prior: statistics.by_prior,
@@ -264,7 +268,8 @@ fn conclusion(setting: &Setting<'_>, values: &[f64], information: Vec<f64>) -> O
     };
     let without_priors = (!priors.is_empty()).then(|| Inverse::of_products(&information, &inside));
     let samples = vec![None; setting.noise.len()];
-    Some(CramerRao { scale, inside, inverse, held: Vec::new(), noise: Some(noise), samples, without_priors })
+    let (held, leverages) = (Vec::new(), Vec::new());
+    Some(CramerRao { scale, inside, inverse, held, noise: Some(noise), samples, leverages, without_priors })
 }
 
 /// R at these values, diagonal.
@@ -324,10 +329,14 @@ fn nothing(model: &Model, setting: &mut Setting<'_>, values: &[f64], lost: Lost)
         correlations: empty(),
         corrected_covariance: empty(),
         colours: Vec::new(),
+        spectral_colours: Vec::new(),
+        curvature: Vec::new(),
         uncorrected: Some(Uncorrected::NoDegreesOfFreedom),
         noise_variation: Vec::new(),
         noise: None,
         noise_free: Vec::new(),
+        leverages: Vec::new(),
+        degenerate: Vec::new(),
         bias_corrections: Vec::new(),
         undetermined: Vec::new(),
         determined_by_prior: Vec::new(),

@@ -8,6 +8,7 @@ use crate::output_error::defect::FitDefect;
 use crate::output_error::integration_fault::IntegrationFault;
 use crate::output_error::loss::Loss;
 use crate::residuals::{Baseline, OutputQuality};
+use crate::stated_initials::DoubtedInitials;
 use crate::termination::Termination;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
@@ -30,6 +31,8 @@ pub struct Fit {
     pub few_samples: Vec<FewSamples>,
     /// What the record says of inputs about which nobody said how they go between samples; empty when that was not looked at.
     pub interpolations: Vec<InputInterpolation>,
+    /// Initial values that the model states and the data contradict; none when they do not, or when that was not looked at.
+    pub doubted_initials: Option<DoubtedInitials>,
     /// What the residuals say: every output of every run, runs outermost; empty when nothing could be simulated, or when that
     /// was not asked for.
     pub quality: Vec<OutputQuality>,
@@ -61,6 +64,7 @@ impl Fit {
             integration_faults: Vec::new(),
             few_samples: Vec::new(),
             interpolations: Vec::new(),
+            doubted_initials: None,
             quality: Vec::new(),
             rescue: None,
             by_length: Vec::new(),
@@ -70,6 +74,17 @@ impl Fit {
             loss: Loss::Squares,
             noise_of_samples: Vec::new(),
             starts: Vec::new(),
+        }
+    }
+
+    /// Whether a fit is worth more than another of the same runs by the same noise: it has a cost at all, a maximum of the likelihood and no place
+    /// without one, and by more than rounding a lower cost.
+    pub(crate) fn is_better_than(&self, other: &Self) -> bool {
+        let (own, than) = (&self.estimate, &other.estimate);
+        match (own.cost, than.cost) {
+            (Some(_), Some(_)) if own.degenerate.is_empty() != than.degenerate.is_empty() => own.degenerate.is_empty(),
+            (Some(a), Some(b)) => a < b - 1e-9 * b.abs().max(1.0) || (!than.termination.is_good() && a <= b),
+            (a, _) => a.is_some(),
         }
     }
 

@@ -6,6 +6,7 @@ use super::fit::{Fit, NoiseOfSamples};
 use super::options::FitOptions;
 use super::single::{after, chosen_steps, goes_on, stopped};
 use super::standardised::Standardised;
+use crate::degenerate::{Degeneracy, passes_zero, tells_no_variance};
 use crate::derived::DerivedQuantities;
 use crate::estimate::{Estimate, RunFit, Symmetric};
 use crate::method::{Domain, Method};
@@ -16,10 +17,10 @@ use crate::residuals::OutputFit;
 use crate::residuals::noise_variation::{OutputSeries, test};
 use crate::solve::estimate;
 use crate::uncertainty::sandwich::NoiseColour;
-use fdm_grammar::graph::show;
+use fdm_grammar::graph::{Leaf, Node, show};
 use fdm_system::model::Model;
 use fdm_system::record::Run;
-use fdm_system::simulate::{Accuracy, Scheme, Simulator, Steps, choose_steps_while, integration_error};
+use fdm_system::simulate::{Accuracy, Scheme, Simulator, StepOptions, Steps, choose_steps, integration_error};
 use std::f64::consts::TAU;
 
 /// The outputs (q) whose noise is an expression and is not put aside by what was asked for: the place of one over the deviation among the outputs of
@@ -74,7 +75,8 @@ pub(crate) fn without_infinite(
             }
             y.fill(f64::NAN);
             let running = goes_on(observer);
-            let chosen = choose_steps_while(whole.dynamics(), run, theta, None, accuracy, &running);
+            let rough = StepOptions { goes_on: &running, ..StepOptions::default() }.to(accuracy);
+            let chosen = choose_steps(whole.dynamics(), run, theta, &rough);
             if !running() {
                 // such steps say nothing of the start
                 return Ok(runs.to_vec());
@@ -115,7 +117,7 @@ fn not_positive(model: &Model, run: &Run, deviations: &[Option<usize>], y: &[f64
         let output = &definition.outputs[o];
         return Some(FitError::Deviation {
             output: output.quantity.name.clone(),
-            expression: output.noise_model.map_or_else(String::new, |e| show(&definition.graph, e, definition)),
+            expression: stated(model, o),
             run: run.name.clone(),
             time: run.time[sample],
             // what is simulated is one over it
@@ -123,6 +125,12 @@ fn not_positive(model: &Model, run: &Run, deviations: &[Option<usize>], y: &[f64
         });
     }
     None
+}
+
+/// What is stated for the deviation of an output, as text.
+fn stated(model: &Model, output: usize) -> String {
+    let definition = model.definition();
+    definition.outputs[output].noise_model.map_or_else(String::new, |e| show(&definition.graph, e, definition))
 }
 
 /// Why a method that knows noise of one size only cannot estimate a model, if it cannot.
@@ -141,28 +149,64 @@ pub(crate) fn without_output_noise(model: &Model) -> Model {
     model.with_params(params)
 }
 
-/// A fit by the likelihood with `deviations` (q), from the estimates of `first`; `model` has the changes in `options`.
+/// A fit by the likelihood with `deviations` (q) from each of `places` (all parameters of each run), of which the likeliest is kept; `model` has the
+/// changes in `options`. One place is where the fit by noise of one size has ended, `first`: that noise says nothing of where the likelihood of the
+/// stated one is greatest, and a deviation that may vanish stands between the two as a wall. The last place is told of where none leads anywhere.
 ///
 /// # Errors
-/// [`FitError`], as any fit.
+/// [`FitError`], as any fit, where no place is possible.
 pub(crate) fn fit_noise_model(
     model: &Model,
     runs: &[Run],
-    starts: &[Vec<f64>],
-    (mut first, deviations): (Fit, &[Option<usize>]),
+    places: &[Vec<Vec<f64>>],
+    (first, deviations): (Fit, &[Option<usize>]),
     options: &FitOptions,
     observer: &mut dyn Observer,
 ) -> Result<Fit, FitError> {
     let definition = model.definition().with_precisions();
     let Some(whole) = definition.map(|definition| model.altered(definition)) else { return Ok(first) };
-    let mut starts = after(model, runs, &first.estimate, starts);
-    let was_stopped = stopped(observer).is_some();
-    let integration = steps(&whole, runs, &starts, options, observer)?;
-    if let Some(stop) = stopped(observer).filter(|_| !was_stopped) {
-        first.estimate.termination = stop.into();
-        return Ok(first);
+    let (mut best, mut refused) = (None::<Fit>, None);
+    for (k, place) in places.iter().enumerate() {
+        let asked = (model, &whole, deviations, options);
+        match from_place(asked, runs, place, &first, observer) {
+            Ok(Some(fit)) => {
+                let kept = best.as_ref().is_some_and(|b| b.estimate.cost.is_some() && !fit.is_better_than(b));
+                best = if kept { best } else { Some(fit) };
+            }
+            Ok(None) => {}
+            Err(error) => refused = Some(error),
+        }
+        let Some(stop) = stopped(observer) else { continue };
+        // places are left that may be better, or there is no better estimate than the first
+        let unfinished = k + 1 < places.len() || best.is_none();
+        let mut so_far = best.unwrap_or(first);
+        if unfinished {
+            so_far.estimate.termination = stop.into();
+        }
+        return Ok(so_far);
     }
-    let fitting = Fitting { model, whole: &whole, runs, deviations, integration: &integration, options };
+    match (best, refused) {
+        (Some(fit), _) => Ok(fit),
+        (None, Some(error)) => Err(error),
+        (None, None) => Ok(first),
+    }
+}
+
+/// The fit from one place; none where its steps were not chosen in time.
+fn from_place(
+    (model, whole, deviations, options): (&Model, &Model, &[Option<usize>], &FitOptions),
+    runs: &[Run],
+    place: &[Vec<f64>],
+    first: &Fit,
+    observer: &mut dyn Observer,
+) -> Result<Option<Fit>, FitError> {
+    let mut starts = place.to_vec();
+    let was_stopped = stopped(observer).is_some();
+    let integration = steps(whole, runs, &starts, options, observer)?;
+    if stopped(observer).is_some() && !was_stopped {
+        return Ok(None);
+    }
+    let fitting = Fitting { model, whole, runs, deviations, integration: &integration, options };
     // what stands in the noise alone first: its start values know nothing of the residuals
     let only = model.definition().only_in_output_noise();
     if only.iter().zip(&model.definition().params).any(|(only, p)| *only && !p.fixed) {
@@ -171,9 +215,15 @@ pub(crate) fn fit_noise_model(
     }
     let found = fitting.estimate(&starts, |_| true, observer)?;
     let reached = after(model, runs, &found, &starts);
-    let (estimate, samples) = fitting.told(found, &reached)?;
-    Ok(Fit { model: model.clone(), estimate, integration, noise_of_samples: samples, ..first })
+    let (mut estimate, samples) = fitting.told(found, &reached)?;
+    estimate.degenerate = fitting.degenerate(&estimate, &reached)?;
+    Ok(Some(Fit { model: model.clone(), estimate, integration, noise_of_samples: samples, ..first.clone() }))
 }
+
+/// Parts of an interval between samples in which a deviation is looked at.
+const PARTS: usize = 16;
+/// Numbers of a run that is looked at so finely; of a longer one, as it was sampled.
+const MOST_NUMBERS: usize = 1 << 22;
 
 /// Steps of each run for outputs and deviations.
 fn steps(
@@ -247,6 +297,87 @@ impl Fitting<'_> {
         };
         let options = Options { noise: Noise::Given(shown.iter().map(unit).collect()), ..self.options.options.clone() };
         estimate(&mut problem, &options, observer).map_err(FitError::Problem)
+    }
+
+    /// Why the likelihood has no maximum at an estimate, if it has none.
+    fn degenerate(&self, estimate: &Estimate, reached: &[Vec<f64>]) -> Result<Vec<Degeneracy>, FitError> {
+        let mut found = estimate.degenerate.clone();
+        if estimate.runs.is_empty() {
+            return Ok(found);
+        }
+        found.extend(self.without_freedom(estimate));
+        for (o, place) in self.deviations.iter().enumerate().filter_map(|(o, place)| Some((o, (*place)?))) {
+            for (run, theta) in self.runs.iter().zip(reached) {
+                let Some(time) = self.vanishes(run, theta, place)? else { continue };
+                found.push(Degeneracy::Deviation {
+                    output: self.model.definition().outputs[o].quantity.name.clone(),
+                    expression: stated(self.model, o),
+                    run: run.name.clone(),
+                    time,
+                });
+                break;
+            }
+        }
+        Ok(found)
+    }
+
+    /// Outputs whose noise is told by parameters that stand in it alone, and which leave no degrees of freedom for these.
+    fn without_freedom(&self, estimate: &Estimate) -> Option<Degeneracy> {
+        let definition = self.model.definition();
+        let only = definition.only_in_output_noise();
+        let shown = Standardised::shown(self.deviations);
+        let followed = |o: usize| {
+            let part = shown.iter().position(|s| *s == Some(o))?;
+            estimate.leverages.get(part).copied()
+        };
+        let compared = |o: usize| {
+            let own = self.runs.iter().flat_map(|run| run.measured.iter().skip(o).step_by(self.deviations.len()));
+            own.filter(|z| !z.is_nan()).count()
+        };
+        let all = (0..self.deviations.len()).filter(|o| compared(*o) > 0).count();
+        (0..only.len()).filter(|k| only[*k] && !definition.params[*k].fixed).find_map(|k| {
+            let stands = |o: &usize| {
+                let noise = definition.outputs[*o].noise_model.filter(|_| self.deviations[*o].is_some());
+                let mut inner = definition.graph.reachable(noise.into_iter().collect::<Vec<_>>()).into_iter();
+                compared(*o) > 0 && inner.any(|e| definition.graph.node(e) == Node::Leaf(Leaf::Param(k as u32)))
+            };
+            let outputs: Vec<usize> = (0..self.deviations.len()).filter(stands).collect();
+            let samples: usize = outputs.iter().map(|o| compared(*o)).sum();
+            let followed = outputs.iter().map(|o| followed(*o)).sum::<Option<f64>>()?;
+            let freedom = samples as f64 - followed;
+            // of a noise that all outputs have in common no weight is told
+            let told = if outputs.len() == all {
+                freedom < 1e-6 * samples as f64
+            } else {
+                tells_no_variance(freedom, followed)
+            };
+            told.then(|| Degeneracy::Variance {
+                outputs: outputs.iter().map(|o| definition.outputs[*o].quantity.name.clone()).collect(),
+                samples,
+                freedom,
+            })
+        })
+    }
+
+    /// When within a run the deviation passes zero whose reciprocal is this simulated output; none where it does not.
+    fn vanishes(&self, run: &Run, theta: &[f64], place: usize) -> Result<Option<f64>, FitError> {
+        let simulated = self.whole.definition().outputs.len();
+        let few = run.len().saturating_mul(PARTS * simulated) <= MOST_NUMBERS;
+        let fine = run.with_parts(if few { PARTS } else { 1 });
+        let chosen = choose_steps(
+            self.whole.dynamics(),
+            &fine,
+            theta,
+            StepOptions { accuracy: ROUGH, ..StepOptions::default() },
+        );
+        let steps = chosen.map_err(|e| FitError::unsuited(run, e))?.steps;
+        let mut simulator =
+            Simulator::new(self.whole.dynamics(), &fine, steps).map_err(|e| FitError::unsuited(run, e))?;
+        let mut y = vec![f64::NAN; fine.len() * simulated];
+        // where a sample of its own time is exact, the response ends
+        let _ = simulator.simulate(theta, &mut y);
+        let deviations: Vec<f64> = y.iter().skip(place).step_by(simulated).map(|p| 1.0 / p.abs()).collect();
+        Ok(passes_zero(&deviations).map(|at| fine.time[at]))
     }
 
     /// Names of the standardised outputs.

@@ -11,14 +11,14 @@ use crate::output_error::error::FitError;
 use crate::output_error::fit::Fit;
 use crate::output_error::integration_fault::{IntegrationFault, is_moving};
 use crate::output_error::options::FitOptions;
-use crate::problem::{Options, Problem, ProblemRun};
+use crate::problem::{Problem, ProblemRun};
 use crate::recovery::budget::stop;
 use crate::solve::estimate;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::{
-    Accuracy, SOUND, Simulator, Steps, UNSOUND, choose_steps_while, error_of, integration_error, output_range,
-    worst_errors,
+    Accuracy, SOUND, Scheme, Simulator, StepOptions, Steps, UNSOUND, choose_steps, error_of, integration_error,
+    output_range, worst_errors,
 };
 use std::cell::RefCell;
 
@@ -63,10 +63,15 @@ pub fn changed(model: &Model, changes: &Changes) -> Result<Model, FitError> {
     Ok(model.with_params(params))
 }
 
-const MOST_ROUNDS: usize = 3;
+/// Choices of steps, each followed by a fit, at most; a fit whose steps are still too coarse then says so.
+pub(crate) const MOST_ROUNDS: usize = 6;
+/// Choices after which the implicit method is asked as well. Explicit steps that were chosen at estimates and were too coarse at the next
+/// ones have let these run to the edge of stability, which moves with the steps: an implicit method has none (Hairer & Wanner, Solving
+/// ordinary differential equations II, IV.3).
+const EXPLICIT_ROUNDS: usize = 2;
 
 /// Estimates from `starts` (all parameters of each run). Steps are chosen at the start values and then kept, so that the
-/// derivatives are exact; when they turn out too coarse at the estimates, the fit goes on from there with finer ones.
+/// derivatives are exact; when they turn out too coarse at the estimates, the fit goes on from there with finer ones, again and again.
 ///
 /// # Errors
 /// [`FitError`] as for [`fit`](super::fit()).
@@ -89,8 +94,14 @@ pub(crate) fn single_fit(
     // what ends the choice of the steps leaves the start values with rough ones, which may be unable to follow the model
     let cut = stopped(observer).filter(|_| !was_stopped);
     let (mut round, coarse) = (1, options.shared_steps.coarse(options.accuracy));
+    let mut before: Option<Fit> = None;
     loop {
-        let mut estimate = correct(model, runs, &starts, &steps, &options.options, observer)?;
+        let smoothness = before.as_ref().map_or(Vec::new(), |fit| weights(&fit.estimate));
+        let mut estimate = correct(model, runs, (&starts, smoothness), &steps, options, observer)?;
+        // what these steps cannot follow leaves the result of those before, whose integration error says what it is worth
+        if let Some(fit) = before.filter(|_| estimate.cost.is_none()) {
+            return Ok(fit);
+        }
         if let Some(stop) = cut.filter(|_| !estimate.termination.is_stopped()) {
             estimate.termination = stop.into();
         }
@@ -108,15 +119,22 @@ pub(crate) fn single_fit(
         let finer = if last {
             steps.clone()
         } else {
-            finer(&steps, &integration, chosen_steps(model, runs, &reached, options, observer)?, coarse)
+            let chosen = chosen_again(model, runs, &reached, (options, round >= EXPLICIT_ROUNDS), observer)?;
+            finer(&steps, &integration, chosen, coarse)
         };
         // where halving does not help there are kinks, or a response on the edge of divergence
         if finer == steps {
             return Ok(Fit::new(model.clone(), estimate, integration));
         }
+        before = Some(Fit::new(model.clone(), estimate, integration));
         (starts, steps) = (reached, finer);
         round += 1;
     }
+}
+
+/// The weights of the axes of smooth tables, as they were chosen.
+fn weights(estimate: &Estimate) -> Vec<f64> {
+    estimate.smoothing.iter().flat_map(|s| s.weights.iter().copied()).collect()
 }
 
 /// Steps that were too coarse give way to better ones.
@@ -125,6 +143,33 @@ fn finer(steps: &[Steps], integration: &[Accuracy], chosen: Vec<Accuracy>, coars
         if was.error > coarse && chosen.error < was.error { chosen.steps } else { steps.clone() }
     };
     steps.iter().zip(integration).zip(chosen).map(better).collect()
+}
+
+/// Method and steps for values that were reached with steps that are too coarse for them; by the implicit method where that is asked for,
+/// suits the model and is no worse than was hoped for.
+fn chosen_again(
+    model: &Model,
+    runs: &[Run],
+    reached: &[Vec<f64>],
+    (options, implicit): (&FitOptions, bool),
+    observer: &mut dyn Observer,
+) -> Result<Vec<Accuracy>, FitError> {
+    let mut chosen = chosen_steps(model, runs, reached, options, observer)?;
+    if !implicit || options.scheme.is_some() {
+        return Ok(chosen);
+    }
+    let coarse = options.shared_steps.coarse(options.accuracy);
+    let goes_on = goes_on(observer);
+    let radau = StepOptions { scheme: Some(Scheme::Radau), goes_on: &goes_on, ..StepOptions::default() };
+    for ((run, theta), chosen) in runs.iter().zip(reached).zip(&mut chosen) {
+        // a model that it does not suit keeps what it has
+        if let Ok(stable) = choose_steps(model.dynamics(), run, theta, &radau.to(options.accuracy))
+            && stable.error <= coarse.max(chosen.error)
+        {
+            *chosen = stable;
+        }
+    }
+    Ok(chosen)
 }
 
 /// Method and steps of each run for these values, as accurate as was asked for. What stops the work while they are sought leaves rough
@@ -138,7 +183,8 @@ pub(crate) fn chosen_steps(
 ) -> Result<Vec<Accuracy>, FitError> {
     let goes_on = goes_on(observer);
     let steps = |(run, theta): (&Run, &Vec<f64>)| {
-        let chosen = choose_steps_while(model.dynamics(), run, theta, options.scheme, options.accuracy, &goes_on);
+        let chosen = StepOptions { scheme: options.scheme, goes_on: &goes_on, ..StepOptions::default() };
+        let chosen = choose_steps(model.dynamics(), run, theta, &chosen.to(options.accuracy));
         chosen.map_err(|e| FitError::unsuited(run, e))
     };
     runs.iter().zip(starts).map(steps).collect()
@@ -161,9 +207,9 @@ pub(crate) fn stopped(observer: &mut dyn Observer) -> Option<Stop> {
 fn correct(
     model: &Model,
     runs: &[Run],
-    starts: &[Vec<f64>],
+    (starts, smoothness): (&[Vec<f64>], Vec<f64>),
     steps: &[Steps],
-    options: &Options,
+    options: &FitOptions,
     observer: &mut dyn Observer,
 ) -> Result<Estimate, FitError> {
     let mut prepared = Vec::with_capacity(runs.len());
@@ -175,12 +221,12 @@ fn correct(
         prepared.push(ProblemRun { name, response: Box::new(simulator), measured, start });
     }
     let derived = DerivedQuantities::of(model.definition(), model.dynamics());
-    let mut problem = Problem::new(model.definition(), prepared, derived);
+    let mut problem = Problem { smoothness, bare: options.bare, ..Problem::new(model.definition(), prepared, derived) };
     if let Some(first) = starts.first() {
         // shared parameters go on from where a round before left them
         problem.params.iter_mut().zip(first).filter(|(p, _)| !p.per_run).for_each(|(p, v)| p.value = *v);
     }
-    estimate(&mut problem, options, observer).map_err(FitError::Problem)
+    estimate(&mut problem, &options.options, observer).map_err(FitError::Problem)
 }
 
 /// Steps in use and their error at the estimates, whose responses are known.

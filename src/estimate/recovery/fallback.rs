@@ -151,7 +151,7 @@ pub(crate) fn rescue(
         if confirmed && doubtful && by.is_none() {
             return Ok(best);
         }
-        if better(&fit, &best) {
+        if fit.is_better_than(&best) {
             (best, by) = (fit, Some(remedy.clone()));
         }
         if !tried.contains(&remedy) {
@@ -169,14 +169,6 @@ pub(crate) fn rescue(
     }
     let failed = tried.into_iter().filter(|t| by.as_ref() != Some(t)).collect();
     Ok(Fit { rescue: Some(Recovery { trouble: found, failed, by }), ..best })
-}
-
-/// Whether a fit is worth more than another: it has a cost at all, and by more than rounding a lower one.
-fn better(fit: &Fit, than: &Fit) -> bool {
-    match (fit.estimate.cost, than.estimate.cost) {
-        (Some(a), Some(b)) => a < b - 1e-9 * b.abs().max(1.0) || (!than.estimate.termination.is_good() && a <= b),
-        (a, _) => a.is_some(),
-    }
 }
 
 /// Whether two fits ended at the same minimum.

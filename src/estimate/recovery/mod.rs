@@ -5,6 +5,7 @@
 
 pub(super) mod budget;
 pub(super) mod checkpoint;
+pub(super) mod completion;
 pub(super) mod confidence;
 pub(super) mod continuation;
 pub(super) mod fallback;

@@ -1,12 +1,16 @@
 //! Many starts: a fit from each, what came out of it, and which of them is the best. Where they lie is said in `spread.rs`.
 
-use crate::estimate::{Estimate, Status};
+use crate::degenerate::Degeneracy;
+use crate::estimate::{ParameterEstimate, Status};
 use crate::observer::{Iteration, Observer, StartSummary, Stop};
 use crate::output_error::error::FitError;
+use crate::output_error::fit::Fit;
 use crate::output_error::options::{Continuation, FitOptions};
+use crate::output_error::single::after;
 use crate::problem::Options;
 use crate::recovery::budget::Budget;
 use crate::recovery::checkpoint::{CheckpointObserver, CheckpointWriter, SavedStates};
+use crate::recovery::completion::completed;
 use crate::recovery::fallback::attempt;
 use crate::recovery::screening::screened;
 use crate::recovery::spread::Spread;
@@ -24,6 +28,11 @@ const SAME_COST: f64 = 0.01;
 const SAME_RELATIVE: f64 = 1e-9;
 /// Parameters that differ by less, relative to their size, are those of one minimum; without noise, costs are not.
 const SAME_PLACE: f64 = 1e-6;
+/// Standard errors by which parameters of one minimum differ at most. In the basin of a minimum costs that agree to [`SAME_COST`] lie within
+/// `2 sqrt(2 SAME_COST)`, 0.28, of each other; within one no estimate tells two places apart.
+const SAME_PLACE_IN_ERRORS: f64 = 1.0;
+/// Costs that agree to this are equal but for the ends of their iterations: of such minima the first start's counts.
+const EQUAL: f64 = 1e-6;
 
 /// All starts, and the best.
 pub(crate) struct Starts {
@@ -35,6 +44,8 @@ pub(crate) struct Starts {
     pub(crate) number: usize,
     /// The states of its estimations: repeating the attempt with them is quick.
     pub(crate) states: Vec<Vec<u8>>,
+    /// Where it ended by the noise that is stated; none where there was no such end.
+    pub(crate) reached: Option<Vec<Vec<f64>>>,
 }
 
 struct Ended {
@@ -45,12 +56,13 @@ struct Ended {
     error: Option<FitError>,
 }
 
-/// Attempts a fit from every start, on all threads; the same bits for any number of them.
+/// Attempts a fit from every start, on all threads; the same bits for any number of them. The model comes with the parameters of its noise held, and as
+/// it was given.
 ///
 /// # Errors
 /// [`FitError`] when no start could be attempted.
 pub(crate) fn many_starts(
-    model: &Model,
+    (model, whole): (&Model, &Model),
     runs: &[Run],
     given: &[Vec<f64>],
     options: &FitOptions,
@@ -62,14 +74,14 @@ pub(crate) fn many_starts(
     let spread = Spread::new(model, given, options.starts.seed);
     let watch =
         Watch { observer: Mutex::new(observer), stop: AtomicBool::new(false), ended: AtomicUsize::new(0), count };
-    let one = |k: usize| one_start(model, runs, &spread, (k, options), ledger, &watch);
+    let one = |k: usize| one_start((model, whole), runs, &spread, (k, options), ledger, &watch);
     let mut ended: Vec<Ended> = (0..count).into_par_iter().with_max_len(1).filter_map(one).collect();
     compare(&mut ended);
     let Some(best) = best(&ended) else {
         // the error of a start that was not possible is not kept with what came out of it
         let impossible = ended.iter_mut().find(|e| e.summary.termination.is_none());
         let again = |number: usize| {
-            one_start(model, runs, &spread, (number - 1, options), &CheckpointWriter::new(None), &watch)?.error
+            one_start((model, whole), runs, &spread, (number - 1, options), &CheckpointWriter::new(None), &watch)?.error
         };
         let first = impossible.and_then(|e| e.error.take().or_else(|| again(e.summary.number)));
         return match first {
@@ -79,17 +91,19 @@ pub(crate) fn many_starts(
                 start: given.to_vec(),
                 number: 1,
                 states: Vec::new(),
+                reached: None,
                 summaries: ended.into_iter().map(|e| e.summary).collect(),
             }),
         };
     };
     let (number, states) = (ended[best].summary.number, std::mem::take(&mut ended[best].states));
     let mut start = std::mem::take(&mut ended[best].start);
+    let reached = Some(ended[best].summary.reached.clone()).filter(|reached| !reached.is_empty());
     if start.is_empty() {
         start = screened(model, runs, &spread, number - 1, options, &|| watch.stopped());
     }
     let summaries = ended.into_iter().map(|e| e.summary).collect();
-    Ok(Starts { summaries, start, number, states })
+    Ok(Starts { summaries, start, number, states, reached })
 }
 
 /// The options of the fit from each start.
@@ -108,15 +122,16 @@ fn of_each(options: &FitOptions) -> FitOptions {
 /// The starts of one fit, each to be attempted by itself, on any machine.
 pub struct StartSearch {
     model: Model,
+    whole: Model,
     runs: Vec<Run>,
     given: Vec<Vec<f64>>,
     options: FitOptions,
 }
 
 impl StartSearch {
-    /// Of a model with the parameters of its noise held, and the steps that all starts have in common among the options.
-    pub(crate) fn of(model: Model, runs: &[Run], given: Vec<Vec<f64>>, options: &FitOptions) -> Self {
-        Self { model, runs: runs.to_vec(), given, options: of_each(options) }
+    /// Of a model with the parameters of its noise held and as it was given, and the steps that all starts have in common among the options.
+    pub(crate) fn of((model, whole): (Model, Model), runs: &[Run], given: Vec<Vec<f64>>, options: &FitOptions) -> Self {
+        Self { model, whole, runs: runs.to_vec(), given, options: of_each(options) }
     }
 
     /// How many starts there are.
@@ -141,7 +156,8 @@ impl StartSearch {
             count: self.count(),
         };
         let nothing = CheckpointWriter::new(None);
-        let ended = one_start(&self.model, &self.runs, &spread, (number - 1, &self.options), &nothing, &watch)?;
+        let ended =
+            one_start((&self.model, &self.whole), &self.runs, &spread, (number - 1, &self.options), &nothing, &watch)?;
         if !goes_on() || ended.summary.termination.as_ref().is_some_and(Termination::is_stopped) {
             return None;
         }
@@ -163,7 +179,7 @@ impl Observer for Patient<'_> {
 }
 
 fn one_start(
-    model: &Model,
+    (model, whole): (&Model, &Model),
     runs: &[Run],
     spread: &Spread<'_>,
     (k, options): (usize, &FitOptions),
@@ -190,8 +206,10 @@ fn one_start(
     }
     let attempted = attempt(model, runs, &start, options, &mut stages);
     let states = stages.into_states();
+    // the noise that is stated, or another loss, is compared, and not what leads there
+    let attempted = attempted.and_then(|fit| completed(whole, runs, (&start, None), fit, options, &mut observer));
     let (summary, error) = match attempted {
-        Ok(fit) => (summary(number, &fit.estimate), None),
+        Ok(fit) => (summary(number, &fit, runs, &start), None),
         Err(error) => (impossible(number, &error), Some(error)),
     };
     if error.is_none() && !summary.termination.as_ref().is_some_and(Termination::is_stopped) {
@@ -201,18 +219,30 @@ fn one_start(
     Some(Ended { summary, start, states, error })
 }
 
-fn summary(number: usize, estimate: &Estimate) -> StartSummary {
+fn summary(number: usize, fit: &Fit, runs: &[Run], start: &[Vec<f64>]) -> StartSummary {
+    let estimate = &fit.estimate;
     let open =
-        estimate.parameters.iter().filter(|p| !matches!(p.status, Status::Fixed | Status::Derived | Status::Tied));
+        || estimate.parameters.iter().filter(|p| !matches!(p.status, Status::Fixed | Status::Derived | Status::Tied));
+    let error = |p: &ParameterEstimate| match p.status {
+        Status::AtLowerBound | Status::AtUpperBound => Some(0.0),
+        _ => p.standard_error,
+    };
+    let message = match estimate.degenerate.is_empty() {
+        true => estimate.termination.to_string(),
+        false => format!("{}; no maximum of the likelihood", estimate.termination),
+    };
     StartSummary {
         number,
         cost: estimate.cost.filter(|c| c.is_finite()),
         iterations: estimate.iterations,
         termination: Some(estimate.termination.clone()),
-        message: estimate.termination.to_string(),
+        message,
         minimum: None,
         distance: None,
-        values: open.map(|p| p.value).collect(),
+        values: open().map(|p| p.value).collect(),
+        errors: open().map(error).collect(),
+        reached: estimate.cost.map_or(Vec::new(), |_| after(&fit.model, runs, estimate, start)),
+        degenerate: estimate.degenerate.clone(),
     }
 }
 
@@ -227,31 +257,94 @@ fn impossible(number: usize, error: &FitError) -> StartSummary {
         minimum: None,
         distance: None,
         values: Vec::new(),
+        errors: Vec::new(),
+        reached: Vec::new(),
+        degenerate: Vec::new(),
     }
 }
 
-/// Finds the minima among the costs, and the distance of each start from the best.
+/// Finds the minima, told apart by cost and by place, and the distance of each start from the best. Places without a maximum of the likelihood have no
+/// number as long as there are others.
 fn compare(ended: &mut [Ended]) {
-    let mut order: Vec<usize> = (0..ended.len()).filter(|k| ended[*k].summary.cost.is_some()).collect();
     let cost = |ended: &[Ended], k: usize| ended[k].summary.cost.unwrap_or(f64::INFINITY);
+    let mut order: Vec<usize> = (0..ended.len()).filter(|k| ended[*k].summary.cost.is_some()).collect();
     order.sort_by(|a, b| cost(ended, *a).total_cmp(&cost(ended, *b)).then(a.cmp(b)));
-    let (mut minimum, mut head) = (0, None::<usize>);
-    for k in &order {
+    let proper: Vec<usize> = order.iter().copied().filter(|k| ended[*k].summary.degenerate.is_empty()).collect();
+    let counted = if proper.is_empty() { &order } else { &proper };
+    // of each minimum the places in `ended`, the least cost first
+    let mut minima: Vec<Vec<usize>> = Vec::new();
+    for k in counted {
         let here = cost(ended, *k);
-        let same = head.is_some_and(|h| {
-            let least = cost(ended, h);
-            let level = SAME_COST.max(SAME_RELATIVE * least.abs());
-            here - least <= level || distance(&ended[h].summary.values, &ended[*k].summary.values) <= SAME_PLACE
+        let is_level = |head: usize| here - cost(ended, head) <= level(cost(ended, head));
+        let near = minima.iter().enumerate().rev().take_while(|(m, heads)| is_level(heads[0]) || m + 1 == minima.len());
+        let same = near.filter(|(_, heads)| {
+            let (a, b) = (&ended[heads[0]].summary, &ended[*k].summary);
+            is_level(heads[0]) && in_errors(a, b) <= SAME_PLACE_IN_ERRORS
+                || distance(&a.values, &b.values) <= SAME_PLACE
         });
-        if !same {
-            (minimum, head) = (minimum + 1, Some(*k));
+        match same.map(|(m, _)| m).last() {
+            Some(m) => minima[m].push(*k),
+            None => minima.push(vec![*k]),
         }
-        ended[*k].summary.minimum = Some(minimum);
+    }
+    let least = minima.first().map_or(0.0, |heads| cost(ended, heads[0]));
+    let equal = minima.iter().take_while(|m| cost(ended, m[0]) - least <= EQUAL * (1.0 + least.abs())).count();
+    let first = |m: &Vec<usize>| m.iter().min().copied();
+    if let Some(chosen) = (0..equal).min_by_key(|m| first(&minima[*m])) {
+        minima[..=chosen].rotate_right(1);
+    }
+    for (m, members) in minima.iter().enumerate() {
+        members.iter().for_each(|k| ended[*k].summary.minimum = Some(m + 1));
     }
     let Some(best) = best(ended) else { return };
     let values = ended[best].summary.values.clone();
     for k in order {
         ended[k].summary.distance = Some(distance(&values, &ended[k].summary.values));
+    }
+}
+
+/// By how much costs of one minimum may differ.
+fn level(cost: f64) -> f64 {
+    SAME_COST.max(SAME_RELATIVE * cost.abs())
+}
+
+/// The largest difference of a parameter in its standard errors; one that neither determines does not count.
+fn in_errors(a: &StartSummary, b: &StartSummary) -> f64 {
+    let part = |((x, y), (e, f)): ((&f64, &f64), (&Option<f64>, &Option<f64>))| match [*e, *f]
+        .into_iter()
+        .flatten()
+        .reduce(f64::max)
+    {
+        _ if x == y => 0.0,
+        Some(error) => (x - y).abs() / error,
+        None => 0.0,
+    };
+    a.values.iter().zip(&b.values).zip(a.errors.iter().zip(&b.errors)).map(part).fold(0.0, f64::max)
+}
+
+/// Why the likelihood has no maximum though a start ended at a minimum: another one ended without, and at a lower cost than this.
+pub(crate) fn unbounded(starts: &[StartSummary], cost: Option<f64>) -> Vec<Degeneracy> {
+    let below = |s: &&StartSummary| s.cost.zip(cost).is_some_and(|(own, kept)| own < kept - level(kept));
+    let lowest = starts.iter().filter(|s| !s.degenerate.is_empty()).filter(below);
+    let lowest = lowest.min_by(|a, b| a.cost.unwrap_or_default().total_cmp(&b.cost.unwrap_or_default()));
+    lowest.map_or(Vec::new(), |s| s.degenerate.clone())
+}
+
+impl Fit {
+    /// Of every other minimum of the starts that is as good as the best one, by its cost, one start that reached it.
+    pub fn equal_minima(&self) -> Vec<&StartSummary> {
+        let least = self.starts.iter().filter(|s| s.minimum == Some(1)).filter_map(|s| s.cost).reduce(f64::min);
+        let Some(least) = least else { return Vec::new() };
+        let mut found: Vec<&StartSummary> = Vec::new();
+        for start in &self.starts {
+            let as_good = start.cost.is_some_and(|cost| cost - least <= level(least));
+            let good = start.termination.as_ref().is_some_and(Termination::is_good);
+            let other = start.minimum.is_some_and(|m| m > 1) && !found.iter().any(|f| f.minimum == start.minimum);
+            if as_good && good && other {
+                found.push(start);
+            }
+        }
+        found
     }
 }
 

@@ -298,7 +298,7 @@ mod tests {
         let mut options = FitOptions::default().with_declared_noise(&model);
         (options.starts.count, options.starts.seed) = (6, 1);
         let ledger = crate::recovery::checkpoint::CheckpointWriter::new(None);
-        let found = multi_start::many_starts(&model, &runs, &given, &options, &ledger, &mut ()).unwrap();
+        let found = multi_start::many_starts((&model, &model), &runs, &given, &options, &ledger, &mut ()).unwrap();
         let reached = found.summaries.iter().filter(|s| s.minimum == Some(1)).count();
         assert!(reached >= 5, "{reached}: {:?}", found.summaries);
     }

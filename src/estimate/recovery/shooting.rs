@@ -22,8 +22,8 @@ use crate::{DerivedQuantities, initial_guess};
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::{
-    Accuracy, Scheme, Simulator, Steps, UNSOUND, WorstError, choose_steps_by, integration_error, output_range,
-    worst_errors,
+    Accuracy, Scheme, Simulator, StepOptions, Steps, UNSOUND, WorstError, choose_steps, integration_error,
+    output_range, worst_errors,
 };
 
 /// Gaps below this part of the state's size count as none.
@@ -414,9 +414,10 @@ fn local(theta: &[f64], segment: usize, sizes: Sizes) -> Vec<f64> {
 }
 
 fn chosen_steps(models: &SegmentModels, pieces: &[Run], theta: &[f64], sizes: Sizes) -> Result<usize, FitError> {
+    let explicit = StepOptions { scheme: Some(Scheme::RungeKutta), ..StepOptions::default() };
     let mut most = 1;
     for (k, piece) in pieces.iter().enumerate() {
-        let chosen = choose_steps_by(models.of(k).dynamics(), piece, &local(theta, k, sizes), Some(Scheme::RungeKutta));
+        let chosen = choose_steps(models.of(k).dynamics(), piece, &local(theta, k, sizes), &explicit);
         most = most.max(chosen.map_err(|e| FitError::unsuited(piece, e))?.steps.most());
     }
     Ok(most)
@@ -532,6 +533,8 @@ impl WithoutCuts<'_> {
             noise: estimate.noise.map(|n| part(&n, &(0..self.outputs).collect::<Vec<_>>())),
             noise_variation: estimate.noise_variation.into_iter().filter(|v| shown(&v.output)).collect(),
             noise_free: estimate.noise_free.into_iter().filter(|n| shown(n)).collect(),
+            leverages: Vec::new(),
+            degenerate: Vec::new(),
             undetermined: estimate
                 .undetermined
                 .into_iter()

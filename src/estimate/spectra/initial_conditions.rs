@@ -60,7 +60,7 @@ pub(crate) fn with_offsets(model: &Model, values: &[f64], seen: &[bool]) -> Mode
         param.value = values[k];
         param.fixed |= seen[k] && !param.per_run;
     }
-    let own = free_initials(&mut definition, values);
+    let own = free_initials(&mut definition, values, &|_| true);
     for k in 0..definition.outputs.len() {
         if own.get(definition.outputs[k].expr.index()).is_some_and(|own| *own) {
             continue;
@@ -74,18 +74,18 @@ pub(crate) fn with_offsets(model: &Model, values: &[f64], seen: &[bool]) -> Mode
     model.altered(definition)
 }
 
-/// The model with an initial value of each run's own for every state that has none; `values` are those of all parameters.
-pub(crate) fn with_initials(model: &Model, values: &[f64]) -> Model {
+/// The model with an initial value of each run's own for every state (by index) that is `wanted` and has none; `values` are those of all parameters.
+pub(crate) fn with_initials(model: &Model, values: &[f64], wanted: &dyn Fn(usize) -> bool) -> Model {
     let mut definition = model.definition().clone();
-    free_initials(&mut definition, values);
+    free_initials(&mut definition, values, wanted);
     model.altered(definition)
 }
 
 /// Frees initial values; returns for each node from before whether it depends on a free parameter of each run.
-fn free_initials(definition: &mut fdm_grammar::Model, values: &[f64]) -> Vec<bool> {
+fn free_initials(definition: &mut fdm_grammar::Model, values: &[f64], wanted: &dyn Fn(usize) -> bool) -> Vec<bool> {
     let own = own(&definition.graph, &definition.params);
     for k in 0..definition.states.len() {
-        if own[definition.states[k].initial.index()] {
+        if own[definition.states[k].initial.index()] || !wanted(k) {
             continue;
         }
         let value = value(&definition.graph, definition.states[k].initial, values);

@@ -111,13 +111,19 @@ pub(crate) fn corrected(
             let declared = problem.runs.iter().all(|run| run.response.surcharge().is_none());
             if declared && is_as_declared(&runs, bound, &colours) {
                 let values = bound.inverse.values.clone();
-                return Ok((Corrected { values, colours, freedom: Vec::new(), unbiased: None }, runs));
+                return Ok((
+                    Corrected { values, colours, spectral: Vec::new(), freedom: Vec::new(), unbiased: None },
+                    runs,
+                ));
             }
             let mut freedom = known_by(&long, &runs, &sandwich, &inverse_noise, &covariance);
             if let Some(short) = &short {
                 short.settle(&sandwich, &others, &mut covariance, &mut freedom)?;
             }
-            return Ok((Corrected { values: covariance, colours, freedom, unbiased: None }, runs));
+            return Ok((
+                Corrected { values: covariance, colours, spectral: Vec::new(), freedom, unbiased: None },
+                runs,
+            ));
         }
     }
     Err(Uncorrected::NotFinite)

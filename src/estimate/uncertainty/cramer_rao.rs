@@ -4,6 +4,7 @@
 use crate::iteration::likelihood::LikelihoodSteps;
 use crate::noise::Weights;
 use crate::uncertainty::bounds::{Held, opened};
+use crate::uncertainty::leverage::leverages;
 use fdm_numeric::least_squares::ACCURATE;
 use fdm_numeric::quadratic::Inverse;
 
@@ -22,6 +23,8 @@ pub(crate) struct CramerRao {
     pub(crate) noise: Option<Weights>,
     /// For each output its independent compared samples where its noise is estimated; none where it is known.
     pub(crate) samples: Vec<Option<f64>>,
+    /// Of each output (q) the sum of the leverages of its samples; empty where they are not those of samples.
+    pub(crate) leverages: Vec<f64>,
     /// Scale and inverse without the priors, when there are any: what the data do not determine by themselves.
     pub(crate) without_priors: Option<(Vec<f64>, Inverse)>,
 }
@@ -52,8 +55,9 @@ pub(crate) fn conclude(steps: &mut LikelihoodSteps<'_, '_, '_>) -> Option<Cramer
     let known = known_before(steps, &inverse);
     let likelihood = steps.problem.likelihood;
     let noise = likelihood.corrected(&steps.weights, (moved - inverse.null.len()) as f64 - known);
+    let mut factors = likelihood.factors(&steps.weights);
     if let Some(noise) = &noise {
-        let factors = if likelihood.is_full() {
+        factors = if likelihood.is_full() {
             vec![(steps.weights.covariance[0] / noise.covariance[0]).sqrt()]
         } else {
             likelihood.factors(noise)
@@ -61,6 +65,7 @@ pub(crate) fn conclude(steps: &mut LikelihoodSteps<'_, '_, '_>) -> Option<Cramer
         steps.problem.gather_with(&values, &factors, steps.problem.priors.rows(&values), &mut steps.quadratic);
         inverse = steps.quadratic.invert(inverse.chosen.clone(), inverse)?;
     }
+    let leverages = leverages(steps, &factors, (&steps.quadratic.scale, &inverse));
     let bounds = unknowns.lower.iter().zip(&unknowns.upper).enumerate();
     let at: Vec<(usize, f64, f64)> = bounds
         .filter(|(j, (lower, upper))| !inside[*j] && lower < upper)
@@ -70,7 +75,7 @@ pub(crate) fn conclude(steps: &mut LikelihoodSteps<'_, '_, '_>) -> Option<Cramer
     let scale = steps.quadratic.scale.clone();
     let without_priors = by_data_alone(steps, &inside);
     let samples = likelihood.samples_of_outputs();
-    Some(CramerRao { scale, inside, inverse, held, noise, samples, without_priors })
+    Some(CramerRao { scale, inside, inverse, held, noise, samples, leverages, without_priors })
 }
 
 /// How many unknowns the priors determine rather than the data: the trace of prior information times covariance.

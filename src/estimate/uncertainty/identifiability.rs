@@ -22,6 +22,14 @@ pub struct Direction {
     pub sentence: String,
 }
 
+impl Direction {
+    /// Of a parameter that was held, since nothing determines it.
+    pub(crate) fn of_held(name: String) -> Self {
+        let sentence = format!("`{name}` is not determined by what was compared, and was held where it stands");
+        Self { moves: vec![(name, 1.0)], sentence }
+    }
+}
+
 /// For each chosen unknown whether it is determined, and the directions in which those move that are not.
 /// `name` gives the name of an unknown.
 pub(crate) fn undetermined(

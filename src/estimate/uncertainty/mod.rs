@@ -3,7 +3,7 @@
 //! **In** the quadratic and the residuals at the end of an iteration. **Out** Cramer-Rao bounds ([`cramer_rao`]), directions that are not identifiable
 //! ([`identifiability`]), covariances corrected for the noise as it really is ([`sandwich`]): known beforehand, coloured in long runs ([`coloured`]), averaged
 //! over noise models in short ones ([`model_averaged`]), beside parameters at their bounds ([`bounds`]), in spectra ([`spectra`], with noise in measured regressors,
-//! whose bias is removed), of a size that varies ([`varying_noise`]); and the table of
+//! whose bias is removed, and a test of their colour in [`spectral_colour`]), of a size that varies ([`varying_noise`]); intervals that the likelihood contradicts ([`curvature`]); and the table of
 //! the parameters ([`parameters`]).
 
 mod arrow;
@@ -12,8 +12,10 @@ pub(super) mod coloured;
 #[cfg(test)]
 mod coloured_tests;
 pub(super) mod cramer_rao;
+pub(super) mod curvature;
 mod gauss_markov;
 pub(super) mod identifiability;
+mod leverage;
 mod measured_regressors;
 mod model_averaged;
 pub(super) mod parameters;
@@ -23,6 +25,7 @@ mod restricted_likelihood;
 pub(super) mod sandwich;
 pub(super) mod sensitivity_rows;
 pub(super) mod spectra;
+pub(super) mod spectral_colour;
 mod spectral_rows;
 pub(super) mod varying_noise;
 #[cfg(test)]

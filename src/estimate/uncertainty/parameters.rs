@@ -5,11 +5,14 @@ use super::bounds::within;
 use super::cramer_rao::CramerRao;
 use super::identifiability::{Direction, Reach, faint, undetermined};
 use super::sandwich::Corrected;
+use crate::held::Lost;
 use crate::problem::Problem;
 use crate::unknowns::Unknowns;
+use fdm_grammar::model::TableNode;
 use fdm_numeric::elementary::exp;
 use fdm_numeric::statistics::Student;
 use serde::{Deserialize, Serialize};
+use std::collections::HashSet;
 use std::fmt;
 
 /// Whether and how a parameter was estimated.
@@ -156,6 +159,8 @@ pub(crate) struct Statistics {
     pub(crate) directions: Vec<Direction>,
     /// Directions that priors determine and the data do not.
     pub(crate) by_prior: Vec<Direction>,
+    /// Unknowns whose sensitivities are as good as zero, but not zero.
+    faint: Vec<usize>,
 }
 
 impl Statistics {
@@ -170,18 +175,23 @@ impl Statistics {
         let Some(bound) = bound else {
             let (status, place) = (vec![Status::NotEstimated; values.len()], vec![None; values.len()]);
             let (covariance, corrected, freedom, limits) = Default::default();
-            let (null, directions, by_prior) = Default::default();
-            return Self { status, covariance, corrected, freedom, place, limits, null, directions, by_prior };
+            let (null, directions, by_prior, faint) = Default::default();
+            return Self { status, covariance, corrected, freedom, place, limits, null, directions, by_prior, faint };
         };
         let inverse = &bound.inverse;
         let name = |j: usize| name_of(problem, unknowns, j);
         let CramerRao { scale, inside, without_priors, .. } = bound;
         let (mut determined, mut directions) = undetermined(scale, inside, inverse, name);
         let reach = |j: usize| Reach::new(values[j], unknowns.start[j], (unknowns.lower[j], unknowns.upper[j]));
+        let told_apart = determined.clone();
         faint(scale, inverse, reach, &mut determined, &mut directions, name);
+        let faint = (0..determined.len()).filter(|k| told_apart[*k] && !determined[*k]);
+        let faint = faint.map(|k| inverse.chosen[k]).collect();
+        directions.extend(unknowns.held.iter().map(|j| Direction::of_held(name(*j))));
         let by_prior = without_priors.as_ref().map(|(scale, inverse)| undetermined(scale, inside, inverse, name).1);
         let mut status: Vec<Status> = (0..values.len())
             .map(|j| match () {
+                () if unknowns.held.contains(&j) => Status::NotDetermined,
                 () if values[j] <= unknowns.lower[j] => Status::AtLowerBound,
                 () if values[j] >= unknowns.upper[j] => Status::AtUpperBound,
                 () => Status::NotDetermined,
@@ -216,7 +226,33 @@ impl Statistics {
         }
         let null = inverse.null.iter().map(|v| v.iter().zip(&scale).map(|(x, s)| x / s).collect()).collect();
         let by_prior = by_prior.unwrap_or_default().into_iter().filter(|d| !directions.contains(d)).collect();
-        Self { status, covariance, corrected, freedom, place, limits, null, directions, by_prior }
+        Self { status, covariance, corrected, freedom, place, limits, null, directions, by_prior, faint }
+    }
+
+    /// Unknowns that are not determined by themselves, from where they began to where they are; nodes of smooth tables follow their neighbours and do not
+    /// count.
+    pub(crate) fn lost(
+        &self,
+        problem: &Problem<'_>,
+        unknowns: &Unknowns,
+        (began, values): (&[f64], &[f64]),
+    ) -> Vec<Lost> {
+        let smooth = problem.tables.iter().filter(|t| t.smooth.is_some()).flat_map(|t| &t.nodes);
+        let smooth: HashSet<&str> =
+            smooth.filter_map(|n| if let TableNode::Param(name) = n { Some(name.as_str()) } else { None }).collect();
+        let alone = |j: &usize| {
+            let name = name_of(problem, unknowns, *j);
+            self.directions.iter().any(|d| matches!(&d.moves[..], [(own, _)] if *own == name))
+        };
+        let by_itself = |j: &usize| !smooth.contains(problem.params[unknowns.owner(*j).1].quantity.name.as_str());
+        (0..values.len())
+            .filter(|j| self.status[*j] == Status::NotDetermined && !unknowns.held.contains(j))
+            .filter(|j| alone(j) && by_itself(j))
+            .map(|j| {
+                let shows = self.faint.contains(&j);
+                Lost { unknown: j, start: began[j], value: values[j], shows }
+            })
+            .collect()
     }
 
     /// An entry of one of the covariances.

@@ -2,6 +2,7 @@
 //! with the autocovariance Rvv that the noise really has (Maine and Iliff, NASA RP-1168, 1986; Morelli and Klein 1997); and M where Rvv is known.
 
 use super::cramer_rao::CramerRao;
+use super::spectral_colour::SpectralColour;
 use crate::iteration::priors::PriorRow;
 use crate::problem::{KnownNoise, Problem, ProblemRun};
 use crate::residuals::autoregression::AutoRegression;
@@ -112,6 +113,8 @@ pub(crate) struct Corrected {
     pub(crate) values: Vec<f64>,
     /// What was found.
     pub(crate) colours: Vec<NoiseColour>,
+    /// The same of spectra.
+    pub(crate) spectral: Vec<SpectralColour>,
     /// Degrees of freedom of each variance; empty where they are not known.
     pub(crate) freedom: Vec<f64>,
     /// All unknowns, corrected for the bias by noise of measured regressors; none without such noise.
@@ -215,7 +218,13 @@ pub(crate) fn corrected_known(
     middles.iter_mut().flatten().for_each(|v| *v *= growth);
     let covariance = sandwich.covariance(&middles, &sandwich.prior(priors));
     match covariance.iter().all(|v| v.is_finite()) {
-        true => Ok(Corrected { values: covariance, colours: Vec::new(), freedom: Vec::new(), unbiased: None }),
+        true => Ok(Corrected {
+            values: covariance,
+            colours: Vec::new(),
+            spectral: Vec::new(),
+            freedom: Vec::new(),
+            unbiased: None,
+        }),
         false => Err(Uncorrected::NotFinite),
     }
 }

@@ -10,6 +10,7 @@ use super::bounds::stay;
 use super::cramer_rao::CramerRao;
 use super::measured_regressors::RegressorEffect;
 use super::sandwich::{Corrected, Sandwich, Uncorrected};
+use super::spectral_colour::SpectralColour;
 use super::spectral_rows::{Power, SpectralRows, independent, reach};
 use crate::iteration::priors::PriorRow;
 use crate::problem::{Problem, ProblemRun};
@@ -34,7 +35,9 @@ pub(crate) fn corrected_spectra(
     }
     let (q, inverse_noise) = (problem.outputs.len(), noise.inverse());
     let sandwich = Sandwich { unknowns, bound };
-    let (runs, mut power) = noise_by_frequency(problem, &sandwich, values)?;
+    let (runs, taken, mut power) = noise_by_frequency(problem, &sandwich, values)?;
+    let colour = |(o, name): (usize, &String)| SpectralColour::of(name, o, &runs, &taken);
+    let spectral = problem.outputs.iter().enumerate().filter_map(colour).collect();
     // part of the residuals of measured regressors is the noise of others
     let regressors = RegressorEffect::of(problem, &runs, &sandwich, values, noise);
     let part = |o: usize| regressors.as_ref().map_or(1.0, |r| r.parts[o]);
@@ -65,10 +68,10 @@ pub(crate) fn corrected_spectra(
     }
     let places: Vec<Vec<f64>> = runs.iter().enumerate().map(|(r, run)| sandwich.columns(r, run.width)).collect();
     let freedom = freedom(&runs, &power, &inverse_noise, &places, covariance.len().isqrt());
-    Ok(Corrected { values: covariance, colours: Vec::new(), freedom, unbiased })
+    Ok(Corrected { values: covariance, colours: Vec::new(), spectral, freedom, unbiased })
 }
 
-/// Sensitivities and residuals of all runs, and the local power of the latter.
+/// Sensitivities and residuals of all runs, what fitting took off the latter (q by q by M for each), and their local power.
 ///
 /// # Errors
 /// [`Uncorrected::NotFinite`]
@@ -76,7 +79,7 @@ pub(super) fn noise_by_frequency(
     problem: &mut Problem<'_>,
     sandwich: &Sandwich<'_>,
     values: &[f64],
-) -> Result<(Vec<SpectralRows>, Power), Uncorrected> {
+) -> Result<(Vec<SpectralRows>, Vec<Vec<f64>>, Power), Uncorrected> {
     let (q, unknowns) = (problem.outputs.len(), sandwich.unknowns);
     let work = |(r, run): (usize, &mut ProblemRun<'_>)| {
         SpectralRows::new(run, unknowns, &unknowns.assembled(r, values), &sandwich.scale(r))
@@ -85,7 +88,7 @@ pub(super) fn noise_by_frequency(
     let runs: Vec<SpectralRows> = runs.into_iter().collect::<Result<_, _>>()?;
     let taken: Vec<_> = runs.iter().enumerate().map(|(r, run)| run.taken(sandwich, r, q)).collect();
     let power = Power::of(&runs, &taken, q);
-    Ok((runs, power))
+    Ok((runs, taken, power))
 }
 
 /// Degrees of freedom of the `n` corrected variances (Satterthwaite): each is a sum over frequencies of local means of the residuals' power,

@@ -6,7 +6,7 @@
 use super::{Instance, Kind, Refused, Snapshot};
 use fdm_system::Model;
 use fdm_system::record::Run;
-use fdm_system::simulate::{Simulator, choose_steps_to};
+use fdm_system::simulate::{Simulator, StepOptions, choose_steps};
 
 fn model(text: &str) -> Model {
     Model::from_text("m.fdm", text).unwrap()
@@ -30,7 +30,7 @@ fn record(model: &Model, time: &[f64], held: bool, input: impl Fn(f64, usize) ->
 /// What fdm's own simulation gives (N by q), as exact as it can.
 fn simulated(model: &Model, run: &Run) -> Vec<f64> {
     let theta = model.definition().start();
-    let steps = choose_steps_to(model.dynamics(), run, &theta, None, 1e-12).unwrap();
+    let steps = choose_steps(model.dynamics(), run, &theta, &StepOptions::default().to(Some(1e-12))).unwrap();
     assert!(steps.error < 1e-9, "{}", steps.error);
     let mut y = vec![0.0; run.len() * model.layout().outputs];
     Simulator::new(model.dynamics(), run, steps.steps).unwrap().simulate(&theta, &mut y).unwrap();

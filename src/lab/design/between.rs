@@ -11,7 +11,7 @@ use fdm_estimate::{Changes, FitOptions, ResidualVector, changed};
 use fdm_results::documents::design::{Distinction, Manoeuvre, Separation};
 use fdm_system::Model;
 use fdm_system::record::Run;
-use fdm_system::simulate::{Simulator, choose_steps};
+use fdm_system::simulate::{Simulator, StepOptions, choose_steps};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
@@ -131,7 +131,7 @@ fn tell(rivals: &Rivals<'_>, manoeuvre: &Manoeuvre) -> Result<([Distance; 2], Ve
 /// What the model makes of the inputs (N by q).
 fn response(question: &Question<'_>, run: &Run) -> Result<Vec<f64>, String> {
     let dynamics = question.model.dynamics();
-    let chosen = choose_steps(dynamics, run, &question.theta).map_err(|e| e.to_string())?;
+    let chosen = choose_steps(dynamics, run, &question.theta, &StepOptions::default()).map_err(|e| e.to_string())?;
     let mut simulator = Simulator::new(dynamics, run, chosen.steps).map_err(|e| e.to_string())?;
     let mut response = vec![0.0; run.measured.len()];
     simulator

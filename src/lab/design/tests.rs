@@ -103,7 +103,9 @@ fn expected_odds_are_those_of_the_fit_of_the_wrong_model() {
     assert!(best.log_odds[0] < 0.02 * best.log_odds[1] && best.log_odds[1] > 1.0, "{best:?}");
     // what the cubic one does, without noise, fitted by the linear one
     let mut run = manoeuvre::run(&rivals.first, &best.manoeuvre).unwrap();
-    let steps = fdm_system::simulate::choose_steps(cubic.dynamics(), &run, &rivals.second.theta).unwrap().steps;
+    let steps = fdm_system::simulate::choose_steps(cubic.dynamics(), &run, &rivals.second.theta, &Default::default())
+        .unwrap()
+        .steps;
     let mut simulator = fdm_system::simulate::Simulator::new(cubic.dynamics(), &run, steps).unwrap();
     let mut response = vec![0.0; run.measured.len()];
     simulator.simulate(&rivals.second.theta, &mut response).unwrap();

@@ -10,7 +10,7 @@ use fdm_grammar::model::Quantity;
 use fdm_numeric::random::Stream;
 use fdm_system::Model;
 use fdm_system::record::{Channel, Channels, ReadOptions, Run, read};
-use fdm_system::simulate::{Simulator, choose_steps};
+use fdm_system::simulate::{Simulator, StepOptions, choose_steps};
 
 /// The tables of a record that is made: one, or one for each segment.
 ///
@@ -183,7 +183,7 @@ impl Flight<'_> {
         let dynamics = self.truth.dynamics();
         let steps = match self.record.steps {
             Some(steps) => steps.into(),
-            None => choose_steps(dynamics, run, &theta).map_err(unsuited)?.steps,
+            None => choose_steps(dynamics, run, &theta, &StepOptions::default()).map_err(unsuited)?.steps,
         };
         let mut response = vec![0.0; run.measured.len()];
         let mut simulator = Simulator::new(dynamics, run, steps).map_err(unsuited)?;

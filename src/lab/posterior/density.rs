@@ -15,7 +15,7 @@ use fdm_numeric::elementary::log;
 use fdm_numeric::random::Stream;
 use fdm_system::Model;
 use fdm_system::record::Run;
-use fdm_system::simulate::{Block, Simulator, Steps, Unsuited, choose_steps};
+use fdm_system::simulate::{Block, Simulator, StepOptions, Steps, Unsuited, choose_steps};
 
 /// What is unknown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -235,7 +235,8 @@ impl Posterior {
         let theta = reached(&fit.model, runs, &fit.estimate);
         let chosen = |r: usize| match fit.integration.get(r) {
             Some(found) => Ok(found.steps.clone()),
-            None => choose_steps(fit.model.dynamics(), &runs[r], &theta[r]).map(|found| found.steps),
+            None => choose_steps(fit.model.dynamics(), &runs[r], &theta[r], &StepOptions::default())
+                .map(|found| found.steps),
         };
         let steps = (0..runs.len()).map(chosen).collect::<Result<_, _>>()?;
         let noise = (0..fit.model.layout().outputs).map(one).collect();

@@ -13,7 +13,7 @@ use fdm_grammar::requirement::{Drive, Form, Observed, Target};
 use fdm_numeric::lanes::VECTOR;
 use fdm_system::Model;
 use fdm_system::record::Run;
-use fdm_system::simulate::{Simulator, Steps, UNSOUND, choose_steps_once};
+use fdm_system::simulate::{Simulator, StepOptions, Steps, UNSOUND, choose_steps};
 
 /// Samples of a manoeuvre.
 const SAMPLES: usize = 2000;
@@ -113,7 +113,8 @@ impl Manoeuvre {
             solved: solved.signals.len(),
         };
         let all = manoeuvre.all(theta, &vec![f64::INFINITY; moments], solved);
-        let found = choose_steps_once(manoeuvre.model.dynamics(), &manoeuvre.run, &all, None);
+        let once = StepOptions { once: true, ..StepOptions::default() };
+        let found = choose_steps(manoeuvre.model.dynamics(), &manoeuvre.run, &all, &once);
         let found = found.map_err(|e| RequirementError::Simulation { reason: e.to_string() })?;
         if found.error.is_finite() && found.error > UNSOUND {
             return Err(RequirementError::Simulation {

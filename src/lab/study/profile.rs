@@ -4,8 +4,8 @@
 use super::bootstrap::reached;
 use super::study_error::StudyError;
 use fdm_estimate::{
-    Changes, Estimate, Fit, FitOptions, Iteration, Keeper, MultiStart, ParameterEstimate, SharedSteps, Status,
-    fit_from, quantile,
+    Changes, Continuation, Estimate, Fit, FitOptions, Iteration, Keeper, MultiStart, ParameterEstimate, SharedSteps,
+    Status, fit_from, quantile,
 };
 use fdm_results::documents::profile::{End, Point, Profile, reach};
 use fdm_system::Model;
@@ -144,6 +144,10 @@ impl<'a> Profiler<'a> {
         }
         .with_declared_noise(&fit.model);
         options.options.colour = false;
+        // every refit begins beside one that ended: a rescue would lead elsewhere, and costs a hundred times as much
+        if options.continuation == Continuation::Auto {
+            options.continuation = Continuation::Never;
+        }
         let starts = reached(&fit.model, runs, &fit.estimate);
         Ok(Self { fit, runs, options, starts, rise: None, goes_on })
     }
@@ -310,11 +314,18 @@ impl<'a> Profiler<'a> {
         }
         let mut starts = found.iter().find(|f| f.at == below.0).map_or(self.starts.clone(), |f| f.starts.clone());
         let last = *refits + SEARCH;
+        let mut tried_bound = above.is_some_and(|above| above.0 >= farthest);
         while *refits < last {
             if !(self.goes_on)() {
                 return End::Interrupted(wanted.value(sign, below.0));
             }
+            // an end is known to this part, and no parameter goes beyond its bound
+            let next_to_it = farthest - below.0 <= NEAR * farthest;
+            if next_to_it && above.is_none_or(|above| above.0 >= farthest) && tried_bound {
+                return End::Bound(bound);
+            }
             at = at.min(farthest).min(FAR);
+            tried_bound |= at >= farthest;
             let value = if at >= farthest { bound } else { wanted.value(sign, at) };
             *refits += 1;
             let Some(refit) = self.refit(wanted, (at, value), &starts) else {
@@ -396,7 +407,9 @@ impl<'a> Profiler<'a> {
         };
         let found = fit_from(&model, self.runs, &starts, &self.options, &mut observer).ok()?;
         let known = found.estimate.termination.is_good();
-        let rise = found.estimate.cost.filter(|c| known && c.is_finite())? - self.fit.estimate.cost?;
+        let rise = found.estimate.cost.filter(|c| c.is_finite())? - self.fit.estimate.cost?;
+        // what is not at its minimum costs too much: where that is allowed all the same, the value belongs to the interval
+        (known || rise <= wanted.rise).then_some(())?;
         let others = others(&found.estimate, wanted.parameter);
         Some(Refit { at, value, rise, starts: reached(&model, self.runs, &found.estimate), others })
     }

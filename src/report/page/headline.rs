@@ -117,8 +117,14 @@ fn of_fit(fit: &FitDocument) -> (Trust, String) {
         );
         return (Trust::Bad, said);
     }
+    if fit.remarks.iter().any(|r| r.about == About::Likelihood) {
+        let said =
+            format!("{what} converged, but the likelihood has no maximum there: values and errors below mean nothing.");
+        return (Trust::Bad, said);
+    }
     let bounds = fit.remarks.iter().filter(|r| r.about == About::Bound).count();
-    match (bounds, fit.remarks.len()) {
+    let against = fit.remarks.iter().filter(|r| r.about.speaks_against()).count();
+    match (bounds, against) {
         (0, 0) => (Trust::Good, format!("{what} converged, and nothing speaks against the result.")),
         (0, _) => (Trust::Reserved, format!("{what} converged; read the remarks below before the numbers are used.")),
         (1, _) => (Trust::Reserved, format!("{what} converged with a parameter at its bound.")),
@@ -152,9 +158,16 @@ fn facts(subject: &Subject) -> Option<String> {
 /// The section where what a remark is about can be seen.
 fn place(about: About) -> &'static str {
     match about {
-        About::Undetermined | About::Bound | About::Few | About::Drawn | About::Intervals | About::Prior => {
-            "parameters"
-        }
+        About::Initial
+        | About::Undetermined
+        | About::Likelihood
+        | About::Minima
+        | About::Bound
+        | About::Few
+        | About::Short
+        | About::Drawn
+        | About::Intervals
+        | About::Prior => "parameters",
         About::Correlated => "correlations",
         About::Table => "tables",
         About::Iteration => "convergence",

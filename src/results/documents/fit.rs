@@ -12,9 +12,9 @@ use super::study::Study;
 use fdm_discover::LackOfFit;
 use fdm_estimate::residuals::OutputQuality;
 use fdm_estimate::{
-    BiasCorrection, Continuity, Direction, Estimate, FilterFit, Fit, InputInterpolation, Iteration, LengthFit,
-    LengthSensitivity, Loss, NoiseColour, ParameterEstimate, Recovery, ResponseFit, Reweighting, Smoothing,
-    SpectralFit, StartSummary, Symmetric, TableEstimate, Termination, by_confidence,
+    BiasCorrection, Continuity, Curvature, Direction, DoubtedInitials, Estimate, FilterFit, Fit, InputInterpolation,
+    Iteration, LengthFit, LengthSensitivity, Loss, NoiseColour, ParameterEstimate, Recovery, ResponseFit, Reweighting,
+    Smoothing, SpectralColour, SpectralFit, StartSummary, Symmetric, TableEstimate, Termination, by_confidence,
 };
 use fdm_system::Model;
 use fdm_system::simulate::Steps;
@@ -59,6 +59,12 @@ pub struct FitDocument {
     pub corrected_covariance: Matrix,
     /// The colour of the noise of each output.
     pub noise_colour: Vec<NoiseColour>,
+    /// Whether the residuals are white over the frequencies that were compared; left out in the time domain.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub spectral_colour: Vec<SpectralColour>,
+    /// Intervals that the profile of the likelihood contradicts; left out where there is none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub curvature: Vec<Curvature>,
     /// Why errors were not corrected for it.
     pub uncorrected: Option<String>,
     /// Covariance of the measurement noise (q by q).
@@ -79,6 +85,9 @@ pub struct FitDocument {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub records: Option<JudgedRecords>,
 
+    /// Initial values that the model states and the data contradict; left out where they do not, or where that was not looked at.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub doubted_initials: Option<DoubtedInitials>,
     /// How each run was integrated; in the time domain.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub integration: Option<Vec<Integration>>,
@@ -326,6 +335,7 @@ impl FitDocument {
             confidence: Some(by_confidence(&fit.by_length)),
             weights: Some(fit.reweighting.clone()),
             starts: Some(starts),
+            doubted_initials: fit.doubted_initials.clone(),
             ..Self::of_estimate(&fit.model, e)
         };
         if !fit.quality.is_empty() {
@@ -392,6 +402,8 @@ impl FitDocument {
             correlations: Matrix::of(&e.covered, &e.correlations),
             corrected_covariance: Matrix::of(&e.covered, &e.corrected_covariance),
             noise_colour: e.colours.clone(),
+            spectral_colour: e.spectral_colours.clone(),
+            curvature: e.curvature.clone(),
             uncorrected: e.uncorrected.as_ref().map(ToString::to_string),
             noise_covariance: e.noise.as_ref().map(rows),
             smoothing: e.smoothing.clone(),
@@ -399,6 +411,7 @@ impl FitDocument {
             condition: e.condition,
             history: e.history.clone(),
             remarks: estimate_remarks(e),
+            doubted_initials: None,
             integration: None,
             rescue: None,
             rescue_message: None,

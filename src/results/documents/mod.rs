@@ -10,6 +10,8 @@
 mod diagnosis;
 mod digits;
 mod doctor;
+mod doubted;
+mod equal_minima;
 mod fit;
 mod frequency;
 mod job;

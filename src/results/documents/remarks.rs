@@ -2,9 +2,12 @@
 
 use super::BridgeDocument;
 use super::digits::digits;
+use super::doubted;
+use super::equal_minima::equal_minima;
 use fdm_estimate::residuals::{Cause, InputCorrelation, NoiseVariation, OutputFit, OutputQuality, Trend};
 use fdm_estimate::{
-    Estimate, Fit, InputInterpolation, LONG_RUN, NoiseColour, ParameterEstimate, SpectralFit, Status, Uncorrected,
+    Curvature, Estimate, Fit, InputInterpolation, LONG_RUN, NoiseColour, ParameterEstimate, SpectralFit, Status,
+    Uncorrected,
 };
 use fdm_numeric::statistics::Student;
 use serde::{Deserialize, Serialize};
@@ -14,6 +17,12 @@ use std::fmt;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum About {
+    /// A likelihood that has no maximum.
+    Likelihood,
+    /// Other minima that are as good.
+    Minima,
+    /// Initial values that the model states and the data contradict.
+    Initial,
     /// Inputs that were held between samples and are taken for straight lines, or the other way round.
     Interpolation,
     /// Parameters that nothing determines.
@@ -32,6 +41,8 @@ pub enum About {
     Few,
     /// Intervals that may hold less often than in 95 of 100 cases.
     Intervals,
+    /// Records too short to tell the colour of their noise.
+    Short,
     /// Parameters that noise in the equations had drawn.
     Drawn,
     /// Help that the iteration needed.
@@ -58,18 +69,23 @@ impl About {
     /// In which order remarks are told: what speaks most against a result first.
     pub fn rank(self) -> usize {
         match self {
-            Self::Interpolation => 0,
-            Self::Undetermined => 1,
-            Self::Bound | Self::Few => 2,
-            Self::Offset => 3,
-            Self::Input | Self::InterpolationUnknown => 4,
-            Self::Colour | Self::Noise => 5,
-            Self::Drawn | Self::Intervals => 6,
-            Self::Correlated => 7,
-            Self::Prior | Self::Table => 8,
-            Self::Iteration => 9,
-            Self::NoNoise | Self::Untested | Self::NotMeasured | Self::Bridged => 10,
+            Self::Likelihood | Self::Initial | Self::Interpolation | Self::Undetermined => 0,
+            Self::Minima => 1,
+            Self::Bound | Self::Few => 1,
+            Self::Offset => 2,
+            Self::Input | Self::InterpolationUnknown => 3,
+            Self::Colour | Self::Noise => 4,
+            Self::Drawn | Self::Intervals => 5,
+            Self::Correlated => 6,
+            Self::Prior | Self::Table => 7,
+            Self::Iteration => 8,
+            Self::NoNoise | Self::Untested | Self::NotMeasured | Self::Bridged | Self::Short => 9,
         }
+    }
+
+    /// Whether it may change what is decided with a result. The others say how it came about, or what was not possible.
+    pub fn speaks_against(self) -> bool {
+        !matches!(self, Self::Table | Self::Iteration | Self::Untested | Self::Bridged | Self::Short)
     }
 
     /// What to do about it, where the sentence does not say so itself.
@@ -83,11 +99,15 @@ impl About {
             Self::Iteration => "better start values or bounds make it safer (`--starts 8` looks for others)",
             Self::NoNoise => "say what the noise is (`--noise OUTPUT=DEVIATION`)",
             Self::NotMeasured => "look at its column, its map and its mask",
-            Self::Interpolation
+            Self::Minima => "give bounds, or a start value with a prior, that say which is meant",
+            Self::Likelihood
+            | Self::Initial
+            | Self::Interpolation
             | Self::InterpolationUnknown
             | Self::Table
             | Self::Bound
             | Self::Few
+            | Self::Short
             | Self::Intervals
             | Self::Drawn
             | Self::Colour
@@ -119,8 +139,10 @@ impl fmt::Display for Remark {
     }
 }
 
-/// Correlations beyond this are worth a line.
+/// Correlations beyond this are worth a line where an error suffers from them: with the partner known it would be less than half.
 const CORRELATED: f64 = 0.9;
+/// Standard error beside a value above which the value is not reliable (Tischler and Remple 2012, section 12.3.3: Cramer-Rao bounds of at most 20 %).
+const RELIABLE: f64 = 0.2;
 /// Standard errors that a parameter was drawn, worth a line.
 const DRAWN: f64 = 0.3;
 /// Most lines about pairs of parameters.
@@ -145,6 +167,7 @@ pub fn estimate_remarks(estimate: &Estimate) -> Vec<Remark> {
         remarks.push(Remark::new(About::Prior, format!("not determined by the data: {}; {what}", d.sentence)));
     }
     remarks.extend(tables(estimate).into_iter().map(|s| Remark::new(About::Table, s)));
+    remarks.extend(estimate.degenerate.iter().map(|d| Remark::new(About::Likelihood, d.to_string())));
     let mut say = |about, said: Vec<String>| remarks.extend(said.into_iter().map(|s| Remark::new(about, s)));
     say(About::NotMeasured, not_measured(&estimate.outputs));
     say(About::Correlated, correlated(estimate));
@@ -155,7 +178,10 @@ pub fn estimate_remarks(estimate: &Estimate) -> Vec<Remark> {
     say(About::NoNoise, estimate.noise_free.iter().map(rounding).collect());
     if estimate.noise_free.is_empty() {
         say(About::Colour, colour(estimate));
-        say(About::Intervals, few(estimate));
+        say(About::Intervals, estimate.curvature.iter().map(|c| curved(estimate, c)).collect());
+        say(About::Intervals, steep(estimate));
+        remarks.extend(few(estimate));
+        let mut say = |about, said: Vec<String>| remarks.extend(said.into_iter().map(|s| Remark::new(about, s)));
         say(About::Noise, varying(estimate));
     }
     remarks
@@ -242,8 +268,11 @@ pub fn spectral_remarks(fit: &SpectralFit) -> Vec<Remark> {
 
 /// Both, of a fit in the time domain.
 pub fn fit_remarks(fit: &Fit) -> Vec<Remark> {
-    let mut remarks = estimate_remarks(&fit.estimate);
+    let initial = fit.doubted_initials.as_ref().and_then(doubted::sentence);
+    let mut remarks: Vec<Remark> = initial.into_iter().map(|said| Remark::new(About::Initial, said)).collect();
     remarks.extend(fit.interpolations.iter().filter_map(interpolation));
+    remarks.extend(estimate_remarks(&fit.estimate));
+    remarks.extend(equal_minima(fit).into_iter().map(|said| Remark::new(About::Minima, said)));
     if !fit.loss.is_squares() {
         let said =
             format!("estimated by {} in place of squares: the noise covariance is that of pseudo-values", fit.loss);
@@ -366,10 +395,17 @@ fn untested(quality: &[OutputQuality], several: bool) -> Vec<String> {
     found.into_iter().map(line).collect()
 }
 
-/// Pairs that the data tell apart badly, the worst first.
+/// Whether the error of a parameter is large beside its value. One that began at zero and may be zero has no size that an error could be large beside.
+fn suffers(p: &ParameterEstimate) -> bool {
+    let nothing = p.start == Some(0.0) && p.interval().is_some_and(|[low, high]| low <= 0.0 && high >= 0.0);
+    p.status == Status::Estimated && !nothing && p.error().is_some_and(|error| error > RELIABLE * p.value.abs())
+}
+
+/// Pairs that the data tell apart badly, where an error suffers from it, the worst first.
 fn correlated(estimate: &Estimate) -> Vec<String> {
     let name = |k: usize| called(&estimate.parameters[k]);
     let mut pairs = estimate.correlated(CORRELATED);
+    pairs.retain(|(a, b, _)| [a, b].into_iter().any(|k| suffers(&estimate.parameters[*k])));
     pairs.sort_by(|a, b| b.2.abs().total_cmp(&a.2.abs()));
     let told =
         pairs.iter().take(MOST_PAIRS).map(|(a, b, r)| format!("correlated: {} and {} ({r:+.3})", name(*a), name(*b)));
@@ -420,9 +456,9 @@ fn bounds(estimate: &Estimate) -> Vec<String> {
 }
 
 /// Outputs of so few samples that the colour of their noise is not known, or not well; where it is known beforehand there is nothing to say.
-fn few(estimate: &Estimate) -> Vec<String> {
+fn few(estimate: &Estimate) -> Option<Remark> {
     if estimate.colours.is_empty() || estimate.parameters.iter().all(|p| p.degrees_of_freedom.is_none()) {
-        return Vec::new();
+        return None;
     }
     let mut counts: Vec<(&str, usize)> = Vec::new();
     for o in estimate.outputs.iter().filter(|o| o.compared > 0) {
@@ -434,15 +470,52 @@ fn few(estimate: &Estimate) -> Vec<String> {
     let most = counts.iter().map(|(_, count)| *count).max().unwrap_or(0);
     let short = estimate.outputs.iter().any(|o| o.compared > 0 && o.compared < LONG_RUN);
     match most {
-        0 => Vec::new(),
-        1..=FEW_SAMPLES => vec![format!(
-            "{most} samples do not determine the colour of their noise: if it drifts or oscillates slowly, fewer than 95 % of such intervals hold"
-        )],
-        _ if short && !estimate.colours.iter().all(NoiseColour::is_white) => vec![format!(
-            "{most} samples tell the colour of their noise only as one of a few simple kinds: if it grows on towards low frequencies, 1/f, about 90 % of such intervals hold"
-        )],
-        _ => Vec::new(),
+        0 => None,
+        1..=FEW_SAMPLES => Some(Remark::new(
+            About::Short,
+            format!(
+                "{most} samples do not determine the colour of their noise: if it drifts or oscillates slowly, fewer than 95 % of such intervals hold"
+            ),
+        )),
+        _ if short && !estimate.colours.iter().all(NoiseColour::is_white) => Some(Remark::new(
+            About::Intervals,
+            format!(
+                "{most} samples tell the colour of their noise only as one of a few simple kinds: if it grows on towards low frequencies, 1/f, about 90 % of such intervals hold"
+            ),
+        )),
+        _ => None,
     }
+}
+
+/// An interval that the likelihood contradicts, and of which other parameters that holds likewise.
+fn curved(estimate: &Estimate, c: &Curvature) -> String {
+    let end = |value: Option<f64>| value.map_or("no end".to_string(), |v| digits(v, 4));
+    let own = |k: usize| estimate.parameters[k].name == c.parameter && estimate.parameters[k].run == c.run;
+    let partner = |(a, b, _): &(usize, usize, f64)| if own(*a) { Some(*b) } else { own(*b).then_some(*a) };
+    let pairs = estimate.correlated(CORRELATED);
+    let partners: Vec<String> =
+        pairs.iter().filter_map(partner).take(MOST_PAIRS).map(|k| called(&estimate.parameters[k])).collect();
+    let like = if partners.is_empty() { String::new() } else { format!("; {} likewise", partners.join(", ")) };
+    format!(
+        "the likelihood is curved: the interval of {} holds in about {:.0} of 100 cases; its profile gives {} to {}{like} (`fdm profile`)",
+        named(&c.parameter, c.run.as_deref()),
+        100.0 * c.holds,
+        end(c.interval[0]),
+        end(c.interval[1]),
+    )
+}
+
+/// Noise of spectra that grows on towards frequencies below those that were compared is not known from them.
+fn steep(estimate: &Estimate) -> Vec<String> {
+    let rising = estimate.spectral_colours.iter().filter(|c| !c.is_white() && c.falls);
+    let names: Vec<String> = rising.map(|c| format!("`{}`", c.output)).collect();
+    if names.is_empty() {
+        return Vec::new();
+    }
+    vec![format!(
+        "noise of {} is stronger at low frequencies: its power within one bin is not known, and 85 to 95 % of such intervals hold",
+        names.join(", ")
+    )]
 }
 
 /// Whether the Cramer-Rao errors can be trusted.
@@ -456,8 +529,10 @@ fn colour(estimate: &Estimate) -> Vec<String> {
         return vec![format!("errors are not corrected for the colour of the residuals: {reason}")];
     }
     let mut coloured: Vec<String> = Vec::new();
-    for c in estimate.colours.iter().filter(|c| !c.is_white()) {
-        let name = format!("`{}`", c.output);
+    let in_time = estimate.colours.iter().filter(|c| !c.is_white()).map(|c| &c.output);
+    let in_spectra = estimate.spectral_colours.iter().filter(|c| !c.is_white()).map(|c| &c.output);
+    for output in in_time.chain(in_spectra) {
+        let name = format!("`{output}`");
         if !coloured.contains(&name) {
             coloured.push(name);
         }

@@ -163,9 +163,15 @@ impl Destination {
     fn make(&self, new: &Path, files: &[(String, Vec<u8>)]) -> Result<(), DestinationError> {
         self.disk.make_folder(new).map_err(|e| unwritable(&self.folder, &e))?;
         let _held = temporary::hold(new);
+        let within =
+            |name: &str| Path::new(name).parent().filter(|at| !at.as_os_str().is_empty()).map(|at| new.join(at));
+        let mut inner: Vec<PathBuf> = files.iter().filter_map(|(name, _)| within(name)).collect();
+        inner.dedup();
+        inner.iter().try_for_each(|at| self.disk.make_folder(at)).map_err(|e| unwritable(&self.folder, &e))?;
         for (name, content) in files {
             self.disk.write(&new.join(name), content).map_err(|e| unwritable(&self.folder.join(name), &e))?;
         }
+        inner.iter().try_for_each(|at| self.disk.settle(at)).map_err(|e| unwritable(&self.folder, &e))?;
         self.disk.settle(new).map_err(|e| unwritable(&self.folder, &e))
     }
 

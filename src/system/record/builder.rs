@@ -1,10 +1,11 @@
 //! Samples in memory become a [`Run`]: channels by name in any order, every mistake named at once.
 
+use super::beginning::Lead;
 use super::channel::{Channel, Role, channels};
 use super::derived::{self, Incomplete};
 use super::error::{Names, excerpt};
 use super::known;
-use super::read::since_first;
+use super::read::since;
 use super::run::Run;
 use fdm_grammar::diagnostic::nearest;
 use fdm_grammar::{Model, Unit};
@@ -28,6 +29,7 @@ pub struct RunBuilder<'m> {
     held: Vec<String>,
     linear: Vec<String>,
     known: Vec<(String, f64)>,
+    begin: Option<f64>,
     unmeasured: bool,
 }
 
@@ -97,6 +99,7 @@ impl<'m> RunBuilder<'m> {
             held,
             linear: Vec::new(),
             known: Vec::new(),
+            begin: None,
             unmeasured: false,
         }
     }
@@ -147,6 +150,13 @@ impl<'m> RunBuilder<'m> {
     /// A value that the run brings (`known T0 per run;`), in the model's unit.
     pub fn known(mut self, name: &str, value: f64) -> Self {
         self.known.push((name.into(), value));
+        self
+    }
+
+    /// Where the run begins, in the unit of its times: the instant that is the model's time 0, at the first sample or before it. Until the
+    /// first sample inputs have its values, and nothing is compared.
+    pub fn begin(mut self, time: f64) -> Self {
+        self.begin = Some(time);
         self
     }
 
@@ -214,12 +224,13 @@ impl<'m> RunBuilder<'m> {
         let linear = |c: &Channel| named(&self.linear, c);
         let held: Vec<bool> = wanted.inputs.iter().map(|c| named(&self.held, c) || c.held && !linear(c)).collect();
         let stated = wanted.inputs.iter().zip(&held).map(|(c, held)| *held || c.known || linear(c)).collect();
+        let bridged = |(k, of): (usize, &Census)| of.bridged(&time, &mut driven, (m, k), held[k]);
+        let input_gaps = census.iter().enumerate().map(bridged).collect();
+        let mut time = time;
+        let lead = Lead::of_run(&time, self.begin);
+        lead.put_in_front(&mut time, (&mut driven, m), (&mut measured, q));
         let run = Run {
-            input_gaps: census
-                .iter()
-                .enumerate()
-                .map(|(k, of)| of.bridged(&time, &mut driven, (m, k), held[k]))
-                .collect(),
+            input_gaps,
             output_gaps: compared.iter().map(|of| of.missing).collect(),
             name: self.name.clone(),
             time,
@@ -289,7 +300,14 @@ impl<'m> RunBuilder<'m> {
             faults.push(RunFault::NotRising { sample: at + 1, before, found });
         } else if times.len() < wanted.samples {
             faults.push(RunFault::TooFew { found: times.len(), expected: wanted.samples });
-        } else if let Some(time) = conversion.and_then(|(scale, _)| since_first(times.to_vec(), scale)) {
+        } else if let Some(begin) =
+            self.begin.filter(|begin| times.first().is_some_and(|first| begin > first) || begin.is_nan())
+        {
+            faults.push(RunFault::BeginBehind { begin: begin.to_string(), first: times[0].to_string() });
+        } else if let Some(time) = conversion.and_then(|(scale, _)| {
+            let origin = self.begin.or(times.first().copied())?;
+            since(origin, times.to_vec(), scale)
+        }) {
             return time;
         } else if conversion.is_some() {
             faults.push(RunFault::TimeResolution);
@@ -567,6 +585,14 @@ pub enum RunFault {
         unit: String,
         /// The unit in the model.
         expected: String,
+    },
+    /// A beginning behind the first sample.
+    #[error("the run begins at {begin}, behind its first sample at {first}")]
+    BeginBehind {
+        /// The beginning.
+        begin: String,
+        /// Time of the first sample.
+        first: String,
     },
     /// The run cannot drive the model.
     #[error(transparent)]

@@ -364,6 +364,17 @@ pub enum Fault {
         /// Upper end, as text.
         to: String,
     },
+    /// `--begin` behind the first sample.
+    #[error("--begin {begin} lies behind the first sample, at {first}: a run begins at its first sample or before")]
+    BeginBehind {
+        /// The beginning, as text.
+        begin: String,
+        /// Time of the first sample, as text.
+        first: String,
+    },
+    /// `--begin` of a model without states and without time.
+    #[error("--begin: the model has no states and does not know the time, so that its runs have no beginning")]
+    BeginUntimed,
     /// A unit that cannot be understood.
     #[error("`{unit}` is not a unit that is known, and the {role} `{channel}` is to be read in `{expected}`")]
     UnknownUnit {

@@ -4,6 +4,7 @@
 //! become one by [`RunBuilder`].
 
 mod assumed;
+mod beginning;
 mod builder;
 mod channel;
 mod clock;
@@ -26,6 +27,7 @@ mod text;
 mod write;
 
 pub use assumed::{AssumedChannel, AssumedNote, Assumptions};
+pub use beginning::{questioned, stated};
 pub use builder::{ColumnView, RunBuilder, RunError, RunFault};
 pub use channel::{Channel, Channels, Role, channels};
 pub use derived::Incomplete;

@@ -83,6 +83,30 @@ pub enum Note {
         /// Title of the column.
         column: String,
     },
+    /// The run begins before the first sample that is compared.
+    Begins {
+        /// Where, as it stands in the file.
+        begin: f64,
+        /// Time of the first row of the file that is used.
+        first: f64,
+        /// Unit of both; empty where it is not known.
+        unit: String,
+        /// Whether inputs between the two have the values of that row.
+        kept: bool,
+        /// Rows of the file that drive the model and are not compared.
+        rows: usize,
+    },
+    /// The first row is the model's time 0, though the file has it at another time.
+    FirstRow {
+        /// The time of that row in the file.
+        first: f64,
+        /// Its unit; empty where it is not known.
+        unit: String,
+        /// The states whose stated initial values hold there.
+        states: Vec<String>,
+        /// Whether the model's equations know the time.
+        explicit: bool,
+    },
     /// A pause much longer than the usual interval.
     Pause {
         /// Its length in the model's time unit.
@@ -109,6 +133,7 @@ impl Note {
             Self::Bridged { .. } => "bridged",
             Self::Taken(_) => "taken",
             Self::Clock { .. } => "clock",
+            Self::Begins { .. } | Self::FirstRow { .. } => "begin",
             Self::Pause { .. } => "pause",
         }
     }
@@ -171,9 +196,44 @@ impl fmt::Display for Note {
             Self::Clock { column } => {
                 write!(f, "column `{column}` holds dates or clock times, read as seconds since the first midnight")
             }
+            Self::Begins { begin, first, unit, kept, rows } => begins(f, (*begin, *first, unit), *kept, *rows),
+            Self::FirstRow { first, unit, states, explicit } => first_row(f, (*first, unit), states, *explicit),
             Self::Pause { length, at, median } => {
                 write!(f, "no sample for {length:.6} from {at:.6} on, where the usual interval is {median:.6}")
             }
         }
     }
+}
+
+/// A time with its unit.
+fn at(time: f64, unit: &str) -> String {
+    if unit.is_empty() { time.to_string() } else { format!("{time} {unit}") }
+}
+
+fn begins(f: &mut fmt::Formatter<'_>, (begin, first, unit): (f64, f64, &str), kept: bool, rows: usize) -> fmt::Result {
+    write!(f, "the run begins at {}, its first row is at {}", at(begin, unit), at(first, unit))?;
+    if kept {
+        write!(f, "; until then inputs have the values of that row")?;
+    }
+    if rows > 0 { write!(f, "; {rows} row(s) drive the model and are not compared") } else { Ok(()) }
+}
+
+fn first_row(f: &mut fmt::Formatter<'_>, (first, unit): (f64, &str), states: &[String], explicit: bool) -> fmt::Result {
+    /// Most states that are named.
+    const NAMED: usize = 3;
+    let named: Vec<String> = states.iter().take(NAMED).map(|s| format!("`{s}`")).collect();
+    let more = if states.len() > NAMED { ", ..." } else { "" };
+    let holds = match (named.is_empty(), explicit) {
+        (true, _) => "from which `t` counts".into(),
+        (false, counts) => {
+            let counts = if counts { ", and from which `t` counts" } else { "" };
+            format!("where the stated initial values of {}{more} hold{counts}", named.join(", "))
+        }
+    };
+    let option = if first > 0.0 { "--begin 0" } else { "--from 0" };
+    write!(
+        f,
+        "its first row, at {}, is taken for the model's time 0, {holds}; if 0 of the record is meant, write {option}",
+        at(first, unit)
+    )
 }

@@ -14,6 +14,10 @@ pub struct ReadOptions {
     pub from: Option<f64>,
     /// Last time to be used, as it stands in the file.
     pub to: Option<f64>,
+    /// The instant that is the model's time 0, as it stands in the file: initial values hold there, `t` and doses count from it. Between it and
+    /// the first sample that is used the model is simulated and not compared. The first sample where it is not said, by the map neither.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub begin: Option<f64>,
     /// Use every n-th selected row, beginning with the first.
     pub every: usize,
     /// Inputs that keep their value until the next sample.
@@ -68,12 +72,26 @@ pub struct Mask {
     pub column: String,
 }
 
+impl ReadOptions {
+    /// Where the run begins, by what was chosen or by the map.
+    pub fn beginning(&self) -> Option<f64> {
+        self.begin.or_else(|| self.map_file.as_ref().and_then(|map| map.time.begin))
+    }
+
+    /// The time of the first row that is read: rows between the beginning and the first compared sample still drive the model.
+    pub(crate) fn first_read(&self) -> f64 {
+        let from = self.from.unwrap_or(f64::NEG_INFINITY);
+        self.beginning().map_or(from, |begin| from.min(begin))
+    }
+}
+
 impl Default for ReadOptions {
     fn default() -> Self {
         Self {
             map: Vec::new(),
             from: None,
             to: None,
+            begin: None,
             every: 1,
             hold: Vec::new(),
             linear: Vec::new(),

@@ -1,6 +1,7 @@
 //! A file becomes a run: the columns that a model wants, the rows that the user selects, the units of the model; and what was found on the
 //! way ([`Summary`]), for people to look at before they trust a fit.
 
+use super::beginning::Lead;
 use super::channel::{Channel, Channels, Demand, Plan, Role, Source};
 use super::error::{Fault, Names, Problem, RecordError};
 use super::holds::Holds;
@@ -9,11 +10,12 @@ use super::options::ReadOptions;
 use super::run::Run;
 use super::samples::{self, Samples};
 use super::table::{Dialect, Table};
-use super::{derived, known, log, search};
+use super::{beginning, derived, known, log, search};
 use fdm_grammar::diagnostic::nearest;
 use std::path::Path;
 
-/// Reads a record for a model, in the model's units, order and time, which begins at 0 with the first sample used.
+/// Reads a record for a model, in the model's units, order and time, which is 0 at the run's beginning: the first sample used, where
+/// [`ReadOptions::begin`] says nothing else.
 ///
 /// The first row holds titles, `name [unit]` or `name (unit)`; delimiter and decimal mark are recognised; lines that
 /// begin with `#` or `%` are comments. Empty cells and the usual words for them (NaN, NA, -) are gaps: outputs are not
@@ -125,13 +127,16 @@ fn assemble(
     let (Ok(plan), true) = (plan, problems.is_empty()) else { return Err(problems) };
     let mut samples = samples::collect(table, &plan, channels.timed, options)?;
     check_amount(table, &plan, channels, demands, &samples)?;
+    let first = samples.time.first().copied();
+    let lead = beginning::lead(&samples.time, options, channels.timed)?;
+    let question = beginning::in_question(&samples.time, plan.time.as_ref(), options);
     notes.extend(samples.repeated.map(|(rows, line)| Note::Repeated { rows, line }));
     notes.extend((!table.ended).then_some(Note::OpenEnd));
     let (rows, dialect) = (samples.rows, Dialect { delimiter: table.delimiter, decimal: samples.decimal() });
     let mapped = table.numbers.as_ref().map_or(&[][..], |n| &n.held);
     let holds = Holds::of(channels, options, mapped, &samples.inputs, &mut notes);
     known::unwrapped(&mut samples.measured, &channels.outputs, &mut notes);
-    let run = finish(name, samples, &plan, channels, holds, &mut notes)?;
+    let mut run = finish(name, samples, &plan, channels, (holds, &lead), &mut notes)?;
     known::same_in_all(&run, channels).map_err(|problem| vec![problem])?;
     let names: Vec<_> = names(channels).collect();
     // of what is only simulated no squares are taken
@@ -140,15 +145,18 @@ fn assemble(
         return Err(unheld);
     }
     let counted = run.time.iter().enumerate().all(|(k, t)| *t == k as f64);
-    let sampling = if channels.timed || !counted { Sampling::new(&run.time) } else { None };
+    let recorded = &run.time[lead.before()..];
+    let sampling = if channels.timed || !counted { Sampling::new(recorded) } else { None };
     let empty = |(k, _): &(usize, &Option<Source>)| !run.measures(*k);
     let columns = plan.outputs.iter().enumerate().filter(|(_, source)| source.is_some());
     notes.extend(columns.filter(empty).map(|(k, _)| Note::NotMeasured { output: channels.outputs[k].name.clone() }));
     notes.extend(suspicions(&run, &names, sampling));
     let sources = sources(table, &plan, &run, &names);
-    let used = run.len();
+    let used = run.len() - lead.before();
+    lead.uncompared(&mut run);
+    notes.extend(first.and_then(|first| lead.note(first, plan.time.as_ref(), !channels.inputs.is_empty())));
     let format = table.format;
-    Ok((run, Summary { format, dialect, rows, used, sources, sampling, notes }))
+    Ok((run, Summary { format, dialect, rows, used, lead: lead.rows(), question, sources, sampling, notes }))
 }
 
 fn names(channels: &Channels) -> impl Iterator<Item = (Role, String)> {
@@ -250,12 +258,13 @@ fn finish(
     samples: Samples,
     plan: &Plan,
     channels: &Channels,
-    holds: Holds,
+    (holds, lead): (Holds, &Lead),
     notes: &mut Vec<Note>,
 ) -> Result<Run, Vec<Problem>> {
     let Samples { time, inputs, mut measured, .. } = samples;
     let count = time.len();
-    let time = match (plan.time.as_ref().map(|source| since_first(time, source.scale)), channels.timed) {
+    let origin = lead.begin.or(time.first().copied()).unwrap_or_default();
+    let mut time = match (plan.time.as_ref().map(|source| since(origin, time, source.scale)), channels.timed) {
         (Some(Some(time)), _) => time,
         (Some(None), true) => return Err(vec![Fault::TimeResolution.anywhere()]),
         _ => (0..count).map(|k| k as f64).collect(),
@@ -276,6 +285,7 @@ fn finish(
     for (input, gaps) in inputs_by_name.zip(&input_gaps).filter(|(_, gaps)| **gaps > 0) {
         notes.push(Note::Bridged { input, gaps: *gaps, in_time: channels.timed });
     }
+    lead.put_in_front(&mut time, (&mut inputs, m), (&mut measured, q));
     let width = m + channels.slopes.len();
     inputs = derived::widened(&inputs, time.len(), m, channels.slopes.len());
     for (k, slope) in channels.slopes.iter().enumerate() {
@@ -304,11 +314,10 @@ fn sizes(run: &Run, names: &[(Role, String)], inputs: usize) -> Vec<Problem> {
     names.iter().enumerate().filter_map(one).collect()
 }
 
-/// Times since the first, scaled; `None` when they do not rise any more, or leave the range of numbers.
-pub(super) fn since_first(mut time: Vec<f64>, scale: f64) -> Option<Vec<f64>> {
-    let first = *time.first()?;
+/// Times since `origin`, scaled; `None` when they do not rise any more, or leave the range of numbers.
+pub(super) fn since(origin: f64, mut time: Vec<f64>, scale: f64) -> Option<Vec<f64>> {
     for t in &mut time {
-        *t = (*t - first) * scale;
+        *t = (*t - origin) * scale;
     }
     let rises = time.windows(2).all(|w| w[0] < w[1]) && time.iter().all(|t| t.is_finite());
     rises.then_some(time)
@@ -342,6 +351,11 @@ pub struct Summary {
     pub rows: usize,
     /// Rows that became samples.
     pub used: usize,
+    /// Rows of the run in front of the first sample that is compared: those between its beginning and `from`, and the beginning itself
+    /// where no row of the file stands there.
+    pub lead: usize,
+    /// The first time as it stands in the file, where nobody said where the run begins and the record's own 0 may be meant.
+    pub question: Option<f64>,
     /// The time column (when the record has one), inputs, outputs.
     pub sources: Vec<ChannelSource>,
     /// Spacing of the samples; `None` for one sample, and where samples are counted.

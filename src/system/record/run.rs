@@ -110,6 +110,26 @@ impl Run {
         }
     }
 
+    /// The run with every interval between samples in so many equal parts: inputs as they move or are held, nothing measured.
+    pub fn with_parts(&self, parts: usize) -> Self {
+        let (parts, n) = (parts.max(1), self.len());
+        let (m, q) = (self.held.len(), self.output_gaps.len());
+        let (mut time, mut inputs) = (Vec::with_capacity(n * parts), Vec::with_capacity(n * parts * m));
+        for k in 0..n {
+            let next = (k + 1).min(n - 1);
+            for part in 0..if next > k { parts } else { 1 } {
+                let share = part as f64 / parts as f64;
+                let between = |a: f64, b: f64| if part == 0 { a } else { a + share * (b - a) };
+                time.push(between(self.time[k], self.time[next]));
+                let (from, to) = (&self.inputs[k * m..][..m], &self.inputs[next * m..][..m]);
+                let moved = from.iter().zip(to).zip(&self.held);
+                inputs.extend(moved.map(|((a, b), held)| if *held { *a } else { between(*a, *b) }));
+            }
+        }
+        let measured = vec![f64::NAN; time.len() * q];
+        Self { time, inputs, measured, ..self.clone() }
+    }
+
     /// Every `k`-th sample from the first one on.
     pub fn every(&self, k: usize) -> Self {
         let (k, n) = (k.max(1), self.len().max(1));

@@ -175,7 +175,7 @@ impl Collector<'_> {
         let Some(time) = self.time(row, record, number) else { return };
         let span = self.samples.span.get_or_insert((time, time));
         span.1 = time;
-        let (from, to) = (self.options.from.unwrap_or(f64::NEG_INFINITY), self.options.to.unwrap_or(f64::INFINITY));
+        let (from, to) = (self.options.first_read(), self.options.to.unwrap_or(f64::INFINITY));
         if time < from || time > to || !self.follows(time, row, same) {
             return;
         }

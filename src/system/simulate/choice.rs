@@ -33,131 +33,67 @@ const MOST_DERIVATIVES: usize = 1 << 24;
 /// Smallest local tolerance.
 const FINEST: f64 = 1e-13;
 
-/// Method and steps with which halving them moves no output by more than 1e-8 of its range, or the best that was found.
+/// How steps are chosen ([`choose_steps`]).
+#[derive(Clone, Copy)]
+pub struct StepOptions<'a> {
+    /// The method, where it is the user's choice.
+    pub scheme: Option<Scheme>,
+    /// The integration error that is of no consequence, as a part of each output's range; 1e-8.
+    pub accuracy: f64,
+    /// Whether one response is looked at, not fitted: an error of 1e-6 of each output's range is good enough then where less is dear.
+    pub once: bool,
+    /// Asked before every step that is tried. Once it has said no, the answer is what was found by then, or one step per interval, and
+    /// says nothing of the model.
+    pub goes_on: &'a dyn Fn() -> bool,
+}
+
+impl Default for StepOptions<'_> {
+    fn default() -> Self {
+        Self { scheme: None, accuracy: TOLERANCE, once: false, goes_on: &|| true }
+    }
+}
+
+impl StepOptions<'_> {
+    /// With the user's accuracy, where there is one.
+    #[must_use]
+    pub fn to(self, accuracy: Option<f64>) -> Self {
+        Self { accuracy: accuracy.unwrap_or(self.accuracy), ..self }
+    }
+
+    fn aim(&self) -> Aim {
+        let tolerance = self.accuracy.max(FINEST);
+        Aim { tolerance, enough: if self.once { SOUND.max(tolerance) } else { tolerance } }
+    }
+}
+
+/// Method and steps with which halving them moves no output by more than the accuracy that is asked for, or the best that was found.
+/// A response between few samples looks wrong, and alike, until its steps resolve what happens between them: where it is still wrong by
+/// more than [`UNSOUND`], and steps of other lengths cannot help (events, delayed states) or it is looked at only, steps are halved as far
+/// as memory allows.
 ///
 /// # Errors
 /// [`Unsuited`] as for [`super::Simulator::new`]. A response that diverges with every step is not an error here: the answer has an
 /// infinite error and one step per interval.
-pub fn choose_steps(dynamics: &dyn Dynamics, run: &Run, theta: &[f64]) -> Result<Accuracy, Unsuited> {
-    choose(dynamics, run, theta, None, Aim::at(TOLERANCE), &|| true)
-}
-
-/// The same with another error that is of no consequence, as a part of each output's range: for comparisons in noise.
-///
-/// # Errors
-/// As [`choose_steps`].
-pub fn choose_steps_within(
+pub fn choose_steps(
     dynamics: &dyn Dynamics,
     run: &Run,
     theta: &[f64],
-    tolerance: f64,
+    options: &StepOptions<'_>,
 ) -> Result<Accuracy, Unsuited> {
-    choose(dynamics, run, theta, None, Aim::at(tolerance.max(TOLERANCE)), &|| true)
-}
-
-/// The same with a method of the user's choice.
-///
-/// # Errors
-/// As [`choose_steps`].
-pub fn choose_steps_by(
-    dynamics: &dyn Dynamics,
-    run: &Run,
-    theta: &[f64],
-    scheme: Option<Scheme>,
-) -> Result<Accuracy, Unsuited> {
-    choose(dynamics, run, theta, scheme, Aim::at(TOLERANCE), &|| true)
-}
-
-/// The same with the user's accuracy: the error that is of no consequence, as a part of each output's range.
-///
-/// # Errors
-/// As [`choose_steps`].
-pub fn choose_steps_to(
-    dynamics: &dyn Dynamics,
-    run: &Run,
-    theta: &[f64],
-    scheme: Option<Scheme>,
-    accuracy: f64,
-) -> Result<Accuracy, Unsuited> {
-    choose_steps_while(dynamics, run, theta, scheme, Some(accuracy), &|| true)
-}
-
-/// The same, with the usual accuracy where none is given, as long as `goes_on` says so. It is asked before every step that is tried; once
-/// it has said no, the answer is what was found by then, or one step per interval, and says nothing of the model.
-///
-/// # Errors
-/// As [`choose_steps`].
-pub fn choose_steps_while(
-    dynamics: &dyn Dynamics,
-    run: &Run,
-    theta: &[f64],
-    scheme: Option<Scheme>,
-    accuracy: Option<f64>,
-    goes_on: &dyn Fn() -> bool,
-) -> Result<Accuracy, Unsuited> {
-    let aim = Aim::at(accuracy.map_or(TOLERANCE, |accuracy| accuracy.max(FINEST)));
-    choose(dynamics, run, theta, scheme, aim, goes_on)
-}
-
-/// For one response that is looked at, not fitted: an error of 1e-6 of each output's range is good enough where less is dear;
-/// and where a response is still wrong by more than [`UNSOUND`], steps as short as memory allows.
-///
-/// # Errors
-/// As [`choose_steps`].
-pub fn choose_steps_once(
-    dynamics: &dyn Dynamics,
-    run: &Run,
-    theta: &[f64],
-    scheme: Option<Scheme>,
-) -> Result<Accuracy, Unsuited> {
-    let aim = Aim { tolerance: TOLERANCE, enough: SOUND };
-    let found = choose(dynamics, run, theta, scheme, aim, &|| true)?;
-    let hopeless = !found.error.is_finite() || found.error <= UNSOUND || scheme == Some(Scheme::Radau);
-    if hopeless {
-        return Ok(found);
-    }
-    let (work, aim) = (Work::of(dynamics.layout()), Aim::at(SOUND));
-    let choice = Choice { dynamics, run, theta, work, aim, goes_on: &|| true };
-    // an oscillation that no step has resolved yet looks alike with all of them: that is no reason to stop
-    let finest = choice.equal(Scheme::RungeKutta, usize::MAX, usize::MAX)?;
-    Ok(if finest.error < found.error { finest } else { found })
-}
-
-fn choose(
-    dynamics: &dyn Dynamics,
-    run: &Run,
-    theta: &[f64],
-    scheme: Option<Scheme>,
-    aim: Aim,
-    goes_on: &dyn Fn() -> bool,
-) -> Result<Accuracy, Unsuited> {
-    let layout = dynamics.layout();
+    let (layout, scheme) = (dynamics.layout(), options.scheme);
     if layout.states == 0 || run.len() < 2 {
         return Ok(Accuracy { steps: 1.into(), error: 0.0 });
     }
-    let choice = Choice { dynamics, run, theta, work: Work::of(layout), aim, goes_on };
-    match scheme {
-        Some(Scheme::Radau) => {
-            let least = Accuracy { steps: Steps::equal(Scheme::Radau, 1), error: f64::INFINITY };
-            // asks whether the method suits the model at all
-            drop(Simulator::new(dynamics, run, least.steps.clone())?);
-            Ok(choice.uneven(Scheme::Radau, choice.most_uneven())?.unwrap_or(least))
-        }
-        Some(Scheme::RungeKutta) => {
-            let explicit = choice.explicit(MOST_STEPS)?;
-            Ok(choice.steadied(&explicit)?.unwrap_or(explicit))
-        }
-        None | Some(Scheme::Recursion { .. }) => match choice.linear() {
-            Some(exact) if discrete::suits(layout) || scheme.is_some() => choice.exact(exact),
-            Some(exact) => {
-                let worth = discrete::work(layout, run.len()) / choice.work.runge_kutta;
-                let most = (worth as usize).clamp(1, MOST_PER_INTERVAL);
-                let explicit = choice.equal(Scheme::RungeKutta, most, STALLS)?;
-                if explicit.error <= aim.tolerance { Ok(explicit) } else { choice.exact(exact) }
-            }
-            None => choice.cheapest(),
-        },
+    let (work, aim, goes_on) = (Work::of(layout), options.aim(), options.goes_on);
+    let choice = Choice { dynamics, run, theta, work, aim, goes_on };
+    let found = choice.by(scheme)?;
+    let unsound = UNSOUND.max(aim.enough);
+    let settled = !found.error.is_finite() || found.error <= unsound || scheme == Some(Scheme::Radau);
+    if settled || choice.may_be_uneven() && !options.once {
+        return Ok(found);
     }
+    let finest = choice.equal(Scheme::RungeKutta, usize::MAX, true)?;
+    Ok(if finest.error <= unsound { finest } else { found })
 }
 
 struct Choice<'a> {
@@ -179,17 +115,37 @@ struct Aim {
     enough: f64,
 }
 
-impl Aim {
-    fn at(tolerance: f64) -> Self {
-        Self { tolerance, enough: tolerance }
-    }
-}
-
 /// Halvings in a row that do not help, after which steps are not halved again: once is no rule, as a delayed kink that shares a
 /// step with a sample leaves it when the step is halved again.
 const STALLS: usize = 2;
 
 impl Choice<'_> {
+    /// By a method, or the cheapest one.
+    fn by(&self, scheme: Option<Scheme>) -> Result<Accuracy, Unsuited> {
+        match scheme {
+            Some(Scheme::Radau) => {
+                let least = Accuracy { steps: Steps::equal(Scheme::Radau, 1), error: f64::INFINITY };
+                // asks whether the method suits the model at all
+                drop(Simulator::new(self.dynamics, self.run, least.steps.clone())?);
+                Ok(self.uneven(Scheme::Radau, self.most_uneven())?.unwrap_or(least))
+            }
+            Some(Scheme::RungeKutta) => {
+                let explicit = self.explicit(MOST_STEPS)?;
+                Ok(self.steadied(&explicit)?.unwrap_or(explicit))
+            }
+            None | Some(Scheme::Recursion { .. }) => match self.linear() {
+                Some(exact) if discrete::suits(self.dynamics.layout()) || scheme.is_some() => self.exact(exact),
+                Some(exact) => {
+                    let worth = discrete::work(self.dynamics.layout(), self.run.len()) / self.work.runge_kutta;
+                    let most = (worth as usize).clamp(1, MOST_PER_INTERVAL);
+                    let explicit = self.equal(Scheme::RungeKutta, most, false)?;
+                    if explicit.error <= self.aim.tolerance { Ok(explicit) } else { self.exact(exact) }
+                }
+                None => self.cheapest(),
+            },
+        }
+    }
+
     /// The exact recursion, where a model is linear and its samples stand in few different intervals.
     fn linear(&self) -> Option<Scheme> {
         let layout = self.dynamics.layout();
@@ -202,7 +158,7 @@ impl Choice<'_> {
         if self.dynamics.layout().delayed.is_empty() {
             return Ok(Accuracy { steps: Steps::equal(scheme, 1), error: 0.0 });
         }
-        self.equal(scheme, MOST_PER_INTERVAL, STALLS)
+        self.equal(scheme, MOST_PER_INTERVAL, false)
     }
 
     fn cheapest(&self) -> Result<Accuracy, Unsuited> {
@@ -210,7 +166,7 @@ impl Choice<'_> {
         // implicit steps are at least one in every interval
         let enough = (self.work.radau / self.work.runge_kutta) as usize;
         let enough = enough.clamp(4, MOST_PER_INTERVAL);
-        let equal = self.equal(Scheme::RungeKutta, enough, STALLS)?;
+        let equal = self.equal(Scheme::RungeKutta, enough, false)?;
         let good = equal.error <= self.aim.enough;
         let alone = !self.may_be_uneven() || self.dynamics.layout().states > MOST_IMPLICIT;
         if good && (alone || self.trusted(&equal.steps) || self.sensitivities_move(&equal.steps)? <= ROUGH_SENSITIVITY)
@@ -248,7 +204,7 @@ impl Choice<'_> {
     /// The best explicit steps that are not more than `most`.
     fn explicit(&self, most: usize) -> Result<Accuracy, Unsuited> {
         let most_equal = (most / self.run.len()).clamp(1, MOST_PER_INTERVAL);
-        let equal = self.equal(Scheme::RungeKutta, most_equal, STALLS)?;
+        let equal = self.equal(Scheme::RungeKutta, most_equal, false)?;
         self.better_uneven(equal, most)
     }
 
@@ -284,8 +240,9 @@ impl Choice<'_> {
         Ok(Some(Accuracy { steps, error }))
     }
 
-    /// Doubles the steps between samples until halving them moves nothing, or has not helped so many times in a row.
-    fn equal(&self, scheme: Scheme, most: usize, patience: usize) -> Result<Accuracy, Unsuited> {
+    /// Doubles the steps between samples until halving them moves nothing, or has not helped several times in a row: `unsound` responses
+    /// do not count there where they are no reason to stop.
+    fn equal(&self, scheme: Scheme, most: usize, unsound: bool) -> Result<Accuracy, Unsuited> {
         let at = |per: usize| response(self.dynamics, self.run, self.theta, &Steps::equal(scheme, per));
         let mut coarse = at(1)?;
         let mut best = Accuracy { steps: Steps::equal(scheme, 1), error: f64::INFINITY };
@@ -295,11 +252,11 @@ impl Choice<'_> {
             if let (Ok(a), Ok(b)) = (&coarse, &next) {
                 let steps = Steps::equal(scheme, fine / 2);
                 let error = halving(a, b, self.dynamics.layout().outputs, &steps);
-                stalls = if error > 0.7 * best.error { stalls + 1 } else { 0 };
+                stalls = if error > 0.7 * best.error && (error <= UNSOUND || !unsound) { stalls + 1 } else { 0 };
                 if error < best.error {
                     best = Accuracy { steps, error };
                 }
-                if error <= self.aim.tolerance || stalls == patience {
+                if error <= self.aim.tolerance || stalls == STALLS {
                     break;
                 }
             }
@@ -644,8 +601,8 @@ mod tests {
             time,
         };
         let theta = model.definition().start();
-        let exact = choose_steps(model.dynamics(), &run, &theta).unwrap();
-        let rough = choose_steps_within(model.dynamics(), &run, &theta, 1e-4).unwrap();
+        let exact = choose_steps(model.dynamics(), &run, &theta, &StepOptions::default()).unwrap();
+        let rough = choose_steps(model.dynamics(), &run, &theta, &StepOptions::default().to(Some(1e-4))).unwrap();
         assert!(exact.error <= 1e-8 && rough.error <= 1e-4, "{exact:?} {rough:?}");
         assert!(2 * rough.steps.total(run.len()) <= exact.steps.total(run.len()), "{exact:?} {rough:?}");
     }
@@ -667,7 +624,7 @@ mod tests {
             stated: Vec::new(),
         };
         let theta = model.definition().start();
-        let chosen = choose_steps(model.dynamics(), &run, &theta).unwrap();
+        let chosen = choose_steps(model.dynamics(), &run, &theta, &StepOptions::default()).unwrap();
         assert_eq!(chosen.steps.scheme(), Scheme::Radau);
         let mut simulator = Simulator::new(model.dynamics(), &run, chosen.steps).unwrap();
         let (mut y, mut jacobian) = (vec![0.0; run.len()], vec![0.0; run.len() * 8]);
@@ -702,7 +659,8 @@ mod tests {
         let moved = choice.sensitivities_move(&followed.steps).unwrap();
         assert!(followed.error < 1e-8 && moved > ROUGH_SENSITIVITY, "{} {moved}", followed.error);
         for scheme in [None, Some(Scheme::RungeKutta)] {
-            let chosen = choose_steps_by(dynamics, &run, &theta, scheme).unwrap();
+            let chosen =
+                choose_steps(dynamics, &run, &theta, &StepOptions { scheme, ..StepOptions::default() }).unwrap();
             let mut simulator = Simulator::new(dynamics, &run, chosen.steps).unwrap();
             let (mut y, mut jacobian) = (vec![0.0; run.len()], vec![0.0; run.len() * 8]);
             simulator.sensitivities(&theta, &[0, 1, 2], &mut y, &mut jacobian).unwrap();
@@ -729,7 +687,7 @@ mod tests {
         let (name, inputs, held, input_gaps) = ("a".into(), Vec::new(), Vec::new(), Vec::new());
         let run = Run { name, inputs, held, measured, input_gaps, stated: Vec::new(), output_gaps, time };
         for k in [0.03, 0.04, 0.045, 0.05, 0.055, 0.06, 0.1] {
-            let chosen = choose_steps(model.dynamics(), &run, &[k]).unwrap();
+            let chosen = choose_steps(model.dynamics(), &run, &[k], &StepOptions::default()).unwrap();
             assert!(chosen.error < 1e-6 && chosen.steps.total(run.len()) < 500, "{k} {chosen:?}");
         }
     }
@@ -752,11 +710,12 @@ mod tests {
                 asked.set(asked.get() + 1);
                 asked.get() <= most
             };
-            choose_steps_while(model.dynamics(), &run, &theta, None, None, &goes_on).unwrap()
+            choose_steps(model.dynamics(), &run, &theta, &StepOptions { goes_on: &goes_on, ..StepOptions::default() })
+                .unwrap()
         };
         let whole = choose(usize::MAX);
         let all = asked.get();
-        assert_eq!(whole, choose_steps(model.dynamics(), &run, &theta).unwrap());
+        assert_eq!(whole, choose_steps(model.dynamics(), &run, &theta, &StepOptions::default()).unwrap());
         assert!(whole.error <= 1e-8 && all > 150, "{all} {whole:?}");
         for most in [0, 1, 20] {
             let cut = choose(most);
@@ -782,7 +741,8 @@ mod tests {
             time,
         };
         let theta = model.definition().start();
-        let once = choose_steps_once(model.dynamics(), &run, &theta, None).unwrap();
+        let once = choose_steps(model.dynamics(), &run, &theta, &StepOptions { once: true, ..StepOptions::default() })
+            .unwrap();
         assert!(once.error <= UNSOUND, "{once:?}");
         let mut y = vec![0.0; run.len()];
         Simulator::new(model.dynamics(), &run, once.steps).unwrap().simulate(&theta, &mut y).unwrap();
@@ -792,7 +752,15 @@ mod tests {
         let worst = worst_errors(model.dynamics(), &run, &theta, &rough, UNSOUND).unwrap();
         assert!(worst[0].part > UNSOUND && worst[0].state.is_some() && worst[0].sample > 0, "{worst:?}");
         assert!(
-            choose_steps_to(model.dynamics(), &run, &theta, Some(Scheme::Radau), 1e-2).unwrap().steps.scheme()
+            choose_steps(
+                model.dynamics(),
+                &run,
+                &theta,
+                &StepOptions { scheme: Some(Scheme::Radau), accuracy: 1e-2, ..StepOptions::default() }
+            )
+            .unwrap()
+            .steps
+            .scheme()
                 == Scheme::Radau
         );
     }

@@ -28,9 +28,7 @@ mod trajectory;
 pub use blocks::{Block, OutputRow, RowLayout, Sink};
 pub use blocks::{PlaneSink, Planes};
 pub use choice::{Accuracy, SOUND, UNSOUND, WorstError, error_of, integration_error, output_range, worst_errors};
-pub use choice::{
-    choose_steps, choose_steps_by, choose_steps_once, choose_steps_to, choose_steps_while, choose_steps_within,
-};
+pub use choice::{StepOptions, choose_steps};
 pub use drive::Course;
 pub use error::{Divergence, EventFault, Unsuited};
 pub use simulator::Simulator;

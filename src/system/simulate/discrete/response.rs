@@ -41,9 +41,13 @@ impl Readings {
         Self { places, terms: all.into_values().collect(), samples }
     }
 
-    /// The feed of some steps, in `room` where it must be gathered.
+    /// The feed of some steps, in `room` where it must be gathered. Where nothing is read there are no rows: a model may have more steps
+    /// than samples, and inputs that move none of its states.
     #[inline(always)]
     fn of_steps<'f>(&self, drive: &'f DriveTable, steps: Range<usize>, room: &'f mut [f64]) -> Feed<'f> {
+        if self.terms.is_empty() {
+            return Feed { numbers: &[], apart: 0, length: 0 };
+        }
         if self.samples.is_some() {
             let width = drive.width();
             return Feed { numbers: &drive.all_samples()[steps.start * width..], apart: width, length: 2 * width };

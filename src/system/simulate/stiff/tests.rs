@@ -5,7 +5,7 @@
 
 use crate::Model;
 use crate::record::Run;
-use crate::simulate::{Scheme, Simulator, Steps, choose_steps, choose_steps_by};
+use crate::simulate::{Scheme, Simulator, StepOptions, Steps, choose_steps};
 
 /// A run without inputs.
 pub(super) fn run(time: Vec<f64>, outputs: usize) -> Run {
@@ -24,6 +24,11 @@ fn response(model: &Model, run: &Run, steps: &Steps) -> Vec<f64> {
     let mut simulator = Simulator::new(model.dynamics(), run, steps.clone()).expect("suited");
     simulator.simulate(&model.definition().start(), &mut y).expect("finite");
     y
+}
+
+/// With a method of the user's choice.
+fn by(scheme: Scheme) -> StepOptions<'static> {
+    StepOptions { scheme: Some(scheme), ..StepOptions::default() }
 }
 
 /// The pendulum: smooth, not stiff, without a closed form.
@@ -172,7 +177,7 @@ fn robertson_has_its_reference_sensitivities() {
     let time = std::iter::once(0.0).chain((0..8).map(|k| 0.4 * 10.0_f64.powi(k))).collect();
     let run = run(time, 3);
     let theta = robertson.definition().start();
-    let chosen = choose_steps(robertson.dynamics(), &run, &theta).expect("suited");
+    let chosen = choose_steps(robertson.dynamics(), &run, &theta, &StepOptions::default()).expect("suited");
     assert_eq!(chosen.steps.scheme(), Scheme::Radau);
     assert!(chosen.error <= 1e-8, "{chosen:?}");
     let (mut y, mut jacobian) = (vec![0.0; 27], vec![0.0; 27 * 8]);
@@ -219,7 +224,7 @@ fn sensitivities_are_derivatives_of_the_discrete_response() {
     let robertson = model(&ROBERTSON.replace("a = 1, b, c", "a = a0, b, c").replace("k1 =", "a0 = 1, k1 ="));
     let run = run(vec![0.0, 1e-4, 0.02, 0.5, 11.0, 300.0, 1e4], 3);
     let theta = robertson.definition().start();
-    let steps = choose_steps(robertson.dynamics(), &run, &theta).expect("suited").steps;
+    let steps = choose_steps(robertson.dynamics(), &run, &theta, &StepOptions::default()).expect("suited").steps;
     let (mut y, mut jacobian) = (vec![0.0; 21], vec![0.0; 21 * 8]);
     let mut simulator = Simulator::new(robertson.dynamics(), &run, steps).expect("suited");
     simulator.sensitivities(&theta, &[0, 1, 2, 3], &mut y, &mut jacobian).expect("finite");
@@ -257,9 +262,9 @@ fn an_explicit_failure_is_rescued() {
     let fast = model("model fast { param k = 1e9; state x = 0; der(x) = -k*(x - cos(t)^3); output y = x; }");
     let run = run((0..20).map(|k| 0.1 * f64::from(k)).collect(), 1);
     let theta = fast.definition().start();
-    let explicit = choose_steps_by(fast.dynamics(), &run, &theta, Some(Scheme::RungeKutta)).expect("suited");
+    let explicit = choose_steps(fast.dynamics(), &run, &theta, &by(Scheme::RungeKutta)).expect("suited");
     assert!(explicit.error > 1e-3);
-    let chosen = choose_steps(fast.dynamics(), &run, &theta).expect("suited");
+    let chosen = choose_steps(fast.dynamics(), &run, &theta, &StepOptions::default()).expect("suited");
     assert!(chosen.steps.scheme() == Scheme::Radau && chosen.error <= 1e-8, "{chosen:?}");
 }
 
@@ -268,7 +273,8 @@ fn an_explicit_failure_is_rescued() {
 fn smooth_models_stay_explicit() {
     let pendulum = model("model p { param w = 2; state a = 1.5, r; der(a) = r; der(r) = -w^2*sin(a); output y = a; }");
     let run = run((0..100).map(|k| 0.1 * f64::from(k)).collect(), 1);
-    let chosen = choose_steps(pendulum.dynamics(), &run, &pendulum.definition().start()).expect("suited");
+    let chosen = choose_steps(pendulum.dynamics(), &run, &pendulum.definition().start(), &StepOptions::default())
+        .expect("suited");
     assert!(chosen.steps.scheme() == Scheme::RungeKutta && chosen.error <= 1e-8, "{chosen:?}");
 }
 
@@ -278,7 +284,7 @@ fn decades_of_samples_get_as_many_explicit_steps_as_they_need() {
     let swing = model("model swing { param d = 0.1; state x = 1, v; der(x) = v; der(v) = -x - d*v; output y = x; }");
     let run = run(std::iter::once(0.0).chain((0..15).map(|k| 10.0_f64.powf(-2.0 + 0.25 * f64::from(k)))).collect(), 1);
     let theta = swing.definition().start();
-    let chosen = choose_steps_by(swing.dynamics(), &run, &theta, Some(Scheme::RungeKutta)).expect("suited");
+    let chosen = choose_steps(swing.dynamics(), &run, &theta, &by(Scheme::RungeKutta)).expect("suited");
     assert!(chosen.error <= 1e-8 && chosen.steps.per_interval().is_none(), "{chosen:?}");
     // the longest interval alone wants 512
     assert!(chosen.steps.total(16) < 2000, "{}", chosen.steps);
@@ -290,7 +296,7 @@ fn check(text: &str, times: &[f64], published: &[f64], most: usize, tolerance: f
     let q = model.layout().outputs;
     let run = run(times.to_vec(), q);
     let theta = model.definition().start();
-    let chosen = choose_steps_by(model.dynamics(), &run, &theta, Some(Scheme::Radau)).expect("suited");
+    let chosen = choose_steps(model.dynamics(), &run, &theta, &by(Scheme::Radau)).expect("suited");
     assert!(chosen.error <= 1e-8 && chosen.steps.total(times.len()) <= most, "{} {:e}", chosen.steps, chosen.error);
     let mut y = vec![0.0; times.len() * q];
     let mut simulator = Simulator::new(model.dynamics(), &run, chosen.steps.clone()).expect("suited");
