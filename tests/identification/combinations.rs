@@ -80,6 +80,7 @@ fn records(model: &Model, runs: usize, gaps: bool) -> Vec<Run> {
             held: vec![run == 1; m],
             measured,
             input_gaps: vec![0; m],
+            stated: Vec::new(),
             output_gaps,
         }
     };

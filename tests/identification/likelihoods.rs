@@ -7,7 +7,7 @@ use support::Normal;
 
 fn run(time: Vec<f64>, measured: Vec<f64>, q: usize) -> Run {
     let (inputs, held, input_gaps) = (Vec::new(), Vec::new(), Vec::new());
-    Run { name: "r".into(), time, inputs, held, measured, input_gaps, output_gaps: vec![0; q] }
+    Run { name: "r".into(), time, inputs, held, measured, input_gaps, stated: Vec::new(), output_gaps: vec![0; q] }
 }
 
 fn value(fit: &Fit, name: &str) -> f64 {

@@ -32,6 +32,7 @@ fn record(amplitude: f64) -> Run {
         measured,
         held: vec![true],
         input_gaps: vec![0],
+        stated: Vec::new(),
         output_gaps: vec![0],
     }
 }

@@ -54,7 +54,8 @@ pub struct AssumedChannel {
 /// One thing that was assumed, done or left out.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct AssumedNote {
-    /// `unit`, `not_measured`, `constant`, `repeated`, `open_end`, `bridged`, `taken`, `clock`, `pause`, `begin`, `taken_for_held`, `masked` or `unwrapped`.
+    /// `unit`, `not_measured`, `constant`, `repeated`, `open_end`, `bridged`, `taken`, `clock`, `pause`, `begin`, `taken_for_held`, `masked` or
+    /// `unwrapped`.
     pub kind: String,
     /// The channel that it is about.
     #[serde(default, skip_serializing_if = "Option::is_none")]
