@@ -7,6 +7,7 @@ mod checkpoint;
 mod daveml;
 mod design;
 mod diagnose;
+mod doors;
 mod exchange;
 mod first_steps;
 mod hostile;
