@@ -5,7 +5,9 @@ use crate::model::Model;
 use crate::records::{Record, all};
 use fdm::simulate::Scheme;
 use fdm::{FitOptions, ResidualVector};
-use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadwriteArray1, PyReadwriteArray2};
+use numpy::{
+    PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadwriteArray1, PyReadwriteArray2, PyUntypedArrayMethods,
+};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::num::NonZeroUsize;
@@ -150,6 +152,13 @@ impl Residuals {
         {
             let mut r: PyReadwriteArray1<'_, f64> = residuals.try_readwrite()?;
             let mut j: PyReadwriteArray2<'_, f64> = jacobian.try_readwrite()?;
+            // numbers are written row by row, which in another order would stand in other places
+            if !jacobian.is_c_contiguous() || jacobian.shape() != [len, unknowns] {
+                return Err(PyValueError::new_err(format!(
+                    "the Jacobian in `out` has the shape {:?}, expected ({len}, {unknowns}) row by row in one piece (C order)",
+                    jacobian.shape()
+                )));
+            }
             let (values, r, j) = (values.as_slice()?, r.as_slice_mut()?, j.as_slice_mut()?);
             self.fits(values.len(), r.len(), Some(j.len()))?;
             self.evaluated(py, |vector| vector.jacobian(values, r, j))?;

@@ -211,6 +211,17 @@ def test_residuals_are_written_where_they_are_wanted(roll):
     into = np.empty(1600), np.empty((1600, 3))
     given = residuals(residuals.start, out=into)
     assert given[0] is into[0] and given[1] is into[1] and np.array_equal(into[1], J)
+    # another order or shape would scramble the Jacobian
+    columns = np.empty((1600, 3), order="F")
+    for wrong in (columns, np.empty((3, 1600)), np.empty((1600, 6))[:, ::2], np.empty((1600, 3), np.float32)):
+        with pytest.raises((TypeError, ValueError)):
+            residuals(residuals.start, out=(np.empty(1600), wrong))
+    with pytest.raises((TypeError, ValueError)):
+        residuals(residuals.start, out=(np.empty(3200)[::2], np.empty((1600, 3))))
+    locked = np.empty((1600, 3))
+    locked.flags.writeable = False
+    with pytest.raises((TypeError, ValueError)):
+        residuals(residuals.start, out=(np.empty(1600), locked))
     again = roll.residuals(run, {"d": 0.5})
     assert again[0].shape == r.shape
     value, gradient = residuals.gradient(residuals.start)

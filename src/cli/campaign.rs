@@ -95,7 +95,7 @@ impl RunTable {
     /// Reads a table: cells separated as its header is, by `,`, `;` or tabs; lines that begin with `#` are comments.
     pub(crate) fn read(file: &Path) -> Result<Self, Failure> {
         let shown = file.display();
-        let text = std::fs::read_to_string(file)
+        let text = fdm_results::store::read_input_text(file)
             .map_err(|e| Failure::input([format!("--runs {shown}: {}", fdm_results::store::reason(&e))]))?;
         let text = text.trim_start_matches('\u{feff}');
         let header = text.lines().find(|l| !l.trim().is_empty() && !l.starts_with('#')).unwrap_or_default();

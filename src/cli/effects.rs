@@ -8,6 +8,7 @@ use clap::Args;
 use fdm_grammar::effect::{Beginning, Catalogue, Choice, Field, Kind, Nominal, Places, Scales, Subject};
 use fdm_grammar::{Diagnostic, Source};
 use fdm_results::documents::EffectsDocument;
+use fdm_results::store::read_input_text;
 use fdm_system::record::Run;
 use fdm_system::{Model, ModelError};
 use similar::TextDiff;
@@ -127,7 +128,7 @@ impl Effects {
     pub(crate) fn read(&self) -> Result<Catalogue, Failure> {
         let mut catalogue = Catalogue::standard();
         for file in &self.files {
-            let text = std::fs::read_to_string(file).map_err(|e| Failure::at(file, &e))?;
+            let text = read_input_text(file).map_err(|e| Failure::at(file, &e))?;
             let source = Source::new(file.display().to_string(), text);
             let (own, findings) = Catalogue::read(&source);
             if findings.iter().any(Diagnostic::is_error) {

@@ -63,14 +63,28 @@ impl Engine {
             Self::Dask | Self::Ray | Self::K8s => serde_json::to_string(text).unwrap_or_default(),
             _ => format!("'{}'", text.replace('\'', "'\\''")),
         };
-        self.template()
-            .replace("@MARK@", Self::MARK)
-            .replace("@FOLDER@", &quoted(&folder))
-            .replace("@PLAN@", &quoted(&file))
-            .replace("@OUT@", &quoted(&format!("{name}.tasks")))
-            .replace("@NAME@", label.trim_matches('-'))
-            .replace("@SHARDS@", &shards.to_string())
-            .replace("@LAST@", &shards.saturating_sub(1).to_string())
+        let values = [
+            ("MARK", Self::MARK.to_string()),
+            ("FOLDER", quoted(&folder)),
+            ("PLAN", quoted(&file)),
+            ("OUT", quoted(&format!("{name}.tasks"))),
+            ("NAME", label.trim_matches('-').to_string()),
+            ("SHARDS", shards.to_string()),
+        ];
+        // in one go: a folder may be called `@PLAN@`, and what were put in for that would stand outside of its quotes
+        let (mut script, mut rest) = (String::new(), self.template());
+        while let Some((before, after)) = rest.split_once('@') {
+            script.push_str(before);
+            let mark = after.split('@').next().unwrap_or_default();
+            match values.iter().find(|(name, _)| *name == mark) {
+                Some((_, value)) => script.push_str(value),
+                None => script.extend(["@", mark]),
+            }
+            let taken = mark.len() + usize::from(values.iter().any(|(name, _)| *name == mark));
+            rest = &after[taken..];
+        }
+        script.push_str(rest);
+        script
     }
 }
 
@@ -91,5 +105,10 @@ mod tests {
         }
         assert!(Engine::K8s.script(Path::new("/a/Two runs.plan"), 2).contains("name: two-runs"));
         assert!(Engine::Slurm.script(Path::new("/it's/a.plan"), 2).contains("cd '/it'\\''s'"));
+        for engine in Engine::value_variants() {
+            let script = engine.script(Path::new("/@PLAN@/; touch x; @OUT@.plan"), 2);
+            assert!(script.contains("/@PLAN@") && script.contains("; touch x; @OUT@.plan"), "{script}");
+        }
+        assert!(Engine::Parallel.script(Path::new("/a/a.plan"), 2).contains("parallel --quote"));
     }
 }

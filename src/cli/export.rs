@@ -222,7 +222,7 @@ fn unit(arguments: &Arguments, (model, errors): (&Model, &BTreeMap<String, f64>)
             )])
         })?,
     };
-    let bytes = std::fs::read(&library).map_err(|e| Failure::at(&library, &e))?;
+    let bytes = fdm_results::store::read_input(&library).map_err(|e| Failure::at(&library, &e))?;
     let version = if arguments.fmi == 2 { Version::Two } else { Version::Three };
     let written = fmu::write(&Contents { model, version, library: &bytes, errors }).or_failure()?;
     write(path, written)?;

@@ -8,11 +8,12 @@ use crate::halt::Halt;
 use crate::project::{self, plain, typed};
 use crate::request::{Refusal, unclear};
 use crate::tasks::{Visit, said};
+use crate::trust::{refuse_liberties, typed_only};
 use crate::{Verb, campaign, diagnose, fit, paths, profile, reproduce, study};
 use clap::{Arg, FromArgMatches};
 use fdm_estimate::Keeper;
 use fdm_lab::job::{Memory, Plan};
-use fdm_results::store::{Identity, Provenance, TaskResults, program_fingerprint};
+use fdm_results::store::{Identity, Provenance, TaskResults, program_fingerprint, read_input_text};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -49,6 +50,7 @@ impl Command {
         let matches = command.try_get_matches_from_mut(all).map_err(|e| refused(&e))?;
         let arguments = crate::Arguments::from_arg_matches(&matches).map_err(|e| refused(&e))?;
         paths::refuse_conflicts(&command, &matches)?;
+        refuse_liberties(&command, &matches)?;
         match arguments.verb {
             Verb::Fit(a) => Ok(Self::Fit(a)),
             Verb::Study(a) => Ok(Self::Study(a)),
@@ -99,7 +101,7 @@ impl Command {
 pub(crate) fn read_job(file: &Path) -> Result<Vec<(String, Vec<String>)>, Failure> {
     let shown = file.display();
     let refused = |what: String| Failure::Input(vec![format!("{shown}: {what}")]);
-    let text = std::fs::read_to_string(file).map_err(|e| Failure::at(file, &e))?;
+    let text = read_input_text(file).map_err(|e| Failure::at(file, &e))?;
     let mut job: toml::Table = toml::from_str(&text).map_err(|e| refused(e.to_string().trim_end().to_string()))?;
     let verb = match job.remove("command") {
         Some(toml::Value::String(verb)) if VERBS.contains(&verb.as_str()) => verb,
@@ -123,7 +125,9 @@ pub(crate) fn read_job(file: &Path) -> Result<Vec<(String, Vec<String>)>, Failur
     let known: Vec<&str> = of_verb.get_arguments().filter_map(Arg::get_long).chain([first]).collect();
     let mut wrong = Vec::new();
     for name in job.keys().chain(each.keys()) {
-        if let Some((_, why)) = LEFT_OUT.iter().find(|(left, _)| left == name) {
+        if let Some(why) = typed_only(name) {
+            wrong.push(format!("{shown}: {name}: {why}"));
+        } else if let Some((_, why)) = LEFT_OUT.iter().find(|(left, _)| left == name) {
             wrong.push(format!("{shown}: {name}: not an option of a job: {why}"));
         } else if !known.contains(&name.as_str()) {
             let hint = did_you_mean(name, known.iter().copied());
@@ -274,7 +278,7 @@ impl JobFolder {
 
 /// Reads a plan.
 pub(crate) fn read_plan(file: &Path) -> Result<Plan, Failure> {
-    let text = std::fs::read_to_string(file).map_err(|e| Failure::at(file, &e))?;
+    let text = read_input_text(file).map_err(|e| Failure::at(file, &e))?;
     let place = std::path::absolute(file).map_err(|e| Failure::at(file, &e))?;
     let beside = place.parent().unwrap_or(Path::new("/"));
     Plan::read(&text, beside).map_err(|e| Failure::Input(vec![format!("{}: {e}", file.display())]))

@@ -55,6 +55,7 @@ mod spectra;
 mod status;
 mod study;
 mod tasks;
+mod trust;
 mod validate;
 mod verify;
 
@@ -75,6 +76,9 @@ struct Arguments {
     /// Leave the project file (`fdm.toml`, in this folder or one above) aside
     #[arg(long, global = true, display_order = 1001)]
     no_project: bool,
+    /// Let machine code of functional mock-up units run in a model that a file names (project, job, experiment) and that was not typed
+    #[arg(long, global = true, display_order = 1002)]
+    allow_units: bool,
 }
 
 #[derive(Debug, Subcommand)]
@@ -195,6 +199,9 @@ pub fn main_with(words: impl IntoIterator<Item = OsString>) -> ExitCode {
     if let Some(threads) = arguments.threads {
         // the pool can be set once only; nothing has used it yet
         let _ = rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global();
+    }
+    if let Verb::Reproduce(_) | Verb::Plan(_) | Verb::Run(_) | Verb::Merge(_) = &arguments.verb {
+        trust::models_are_named_by("a file", arguments.allow_units);
     }
     let result = match &arguments.verb {
         Verb::Check(a) => check::run(a),

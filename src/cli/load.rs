@@ -4,13 +4,14 @@
 use crate::campaign::{RecordFile, Role, RunTable, expanded, group, known_value, mask};
 use crate::delays::{DelayError, with_free_delays};
 use crate::failure::{Failure, OrFailure, did_you_mean, remark, tell};
+use crate::trust::refuse_foreign_code;
 use clap::Args;
 use fdm_doctor::{AloneOptions, Finding, Record, examine_alone, examine_repeats, leading};
 use fdm_estimate::{Changes, Noise};
 use fdm_grammar::number::held;
 use fdm_readers::{RecordMap, shipped};
 use fdm_results::documents::JudgedRecords;
-use fdm_results::store::{DataFile, Manifest, ResultFolder, differences, reason};
+use fdm_results::store::{DataFile, Manifest, ResultFolder, differences, read_input_text, reason};
 use fdm_system::Model;
 use fdm_system::record::{Assumptions, Known, ReadOptions, Run, SampleMask, Summary, channels, questioned, read_each};
 use std::collections::BTreeMap;
@@ -123,6 +124,7 @@ impl ModelOrResult {
 /// Reads and compiles a model; warnings go to standard error.
 pub(crate) fn load_model(file: &Path) -> Result<Model, Failure> {
     let model = Model::from_file(file)?;
+    refuse_foreign_code(&model)?;
     tell(model.source(), model.warnings());
     Ok(model)
 }
@@ -137,6 +139,7 @@ fn with_changes(model: &Model, changes: &Changes) -> Result<Model, Failure> {
 pub(crate) fn open_result(folder: &Path, beside: Option<&Path>) -> Result<(ResultFolder, Model), Failure> {
     let folder = ResultFolder::open(folder).or_failure()?;
     let model = folder.model()?;
+    refuse_foreign_code(&model)?;
     if let Some(path) = beside {
         let other = Model::from_file(path)?;
         let other = other.untied(&model.open_ties()).unwrap_or(other);
@@ -739,7 +742,7 @@ pub(crate) fn positive(text: &str) -> Result<f64, String> {
 /// A map of channels: a file, or one that comes with the program.
 pub(crate) fn map_file(text: &str) -> Result<RecordMap, String> {
     let (known, names) = shipped(text);
-    let map = match std::fs::read_to_string(text) {
+    let map = match read_input_text(Path::new(text)) {
         Ok(map) => map,
         Err(_) if known.is_some() => known.unwrap_or_default().into(),
         Err(e) => return Err(format!("{}; maps that come with fdm are {}", reason(&e), names.join(", "))),

@@ -40,6 +40,11 @@ fn role(verb: &str, argument: &str) -> Role {
     }
 }
 
+/// Whether a command writes what an argument names.
+pub(crate) fn is_written(verb: &str, argument: &str) -> bool {
+    role(verb, argument) != Role::Read
+}
+
 /// A path that was typed, and the option that it was typed for.
 struct Named {
     option: String,

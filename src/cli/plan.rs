@@ -8,7 +8,7 @@ use clap::Args;
 use fdm_estimate::Keeper;
 use fdm_lab::job::{Memory, Plan, PlannedCommand};
 use fdm_report::page::duration;
-use fdm_results::store::{program_fingerprint, write_file};
+use fdm_results::store::{program_fingerprint, read_input, write_file};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -200,7 +200,7 @@ fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
 
 /// Refuses to write over what is no plan and no script of ours.
 fn refuse_strangers(path: &Path, force: bool) -> Result<(), Failure> {
-    let there = std::fs::read(path).unwrap_or_default();
+    let there = read_input(path).unwrap_or_default();
     let text = String::from_utf8_lossy(&there);
     if force || there.is_empty() || text.contains("\"kind\": \"fdm plan\"") || text.contains(Engine::MARK) {
         return Ok(());

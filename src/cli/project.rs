@@ -2,8 +2,10 @@
 //! directory and in those above it; what is typed goes before it.
 
 use crate::failure::{Failure, did_you_mean, remark};
+use crate::trust::{ALLOW_UNITS, models_are_named_by, outside, refuse_other_owner, typed_only};
 use clap::parser::ValueSource;
 use clap::{Arg, ArgMatches, Command};
+use fdm_results::store::read_input_text;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::ffi::OsString;
@@ -16,6 +18,9 @@ const ASIDE: &str = "--no-project";
 
 /// Options that say how records are read, or what is made of them, where a command can do without records.
 const OF_RECORDS: [&str; 7] = ["map", "map-file", "zoh", "linear", "known", "begin", "forgetting"];
+
+/// Options that name a model, or a result that has one.
+const NAMING_MODELS: [&str; 4] = ["model", "from-result", "between", "against"];
 
 /// What the file holds; paths are relative to its folder.
 #[derive(Debug, Default, Deserialize)]
@@ -72,12 +77,16 @@ pub(crate) fn completed(mut words: Vec<OsString>, command: &Command) -> Result<V
     if !takes("data") && !takes("model") {
         return Ok(words);
     }
-    let Some((up, text)) = found() else { return Ok(words) };
+    let Some((up, text)) = found()? else { return Ok(words) };
     let file = up.join(NAME);
+    let allowed = words.iter().any(|w| w == ALLOW_UNITS);
     let project: Project = toml::from_str(&text)
         .map_err(|e| Failure::input([format!("{}: {}", file.display(), e.to_string().trim_end())]))?;
     let asked = Asked { project: &project, up: &up, verb: of_verb, typed };
     let (in_front, behind) = (asked.model(), asked.records().into_iter().chain(asked.options(command, &file)?));
+    if !in_front.is_empty() || asked.adds_a_result() {
+        models_are_named_by(file.display().to_string(), allowed);
+    }
     let added: Vec<String> = in_front.iter().cloned().chain(behind).collect();
     if !added.is_empty() {
         remark(format_args!("note: {} adds {}", file.display(), added.join(" ")));
@@ -90,16 +99,20 @@ pub(crate) fn completed(mut words: Vec<OsString>, command: &Command) -> Result<V
 }
 
 /// The way up to the folder of the file, and its text.
-fn found() -> Option<(PathBuf, String)> {
-    let here = std::env::current_dir().ok()?;
+fn found() -> Result<Option<(PathBuf, String)>, Failure> {
+    let Ok(here) = std::env::current_dir() else { return Ok(None) };
     let mut up = PathBuf::new();
     for folder in here.ancestors() {
-        match std::fs::read_to_string(folder.join(NAME)) {
-            Ok(text) => return Some((up, text)),
-            Err(_) => up.push(".."),
+        let file = folder.join(NAME);
+        // a folder of that name is none of ours, and what cannot be looked at is not there for this user
+        if std::fs::metadata(&file).is_ok_and(|about| !about.is_dir()) {
+            refuse_other_owner(&file)?;
+            let text = read_input_text(&file).map_err(|e| Failure::at(&up.join(NAME), &e))?;
+            return Ok(Some((up, text)));
         }
+        up.push("..");
     }
-    None
+    Ok(None)
 }
 
 /// A command that a project file is to complete.
@@ -121,6 +134,16 @@ impl Asked<'_> {
 
     fn at(&self, path: impl AsRef<Path>) -> String {
         self.up.join(path).display().to_string()
+    }
+
+    /// Whether a result, and with it a model, comes from the file.
+    fn adds_a_result(&self) -> bool {
+        let own = self.project.options.get(self.verb.get_name()).and_then(toml::Value::as_table);
+        NAMING_MODELS.iter().any(|name| {
+            let said = self.project.options.contains_key(*name) || own.is_some_and(|table| table.contains_key(*name));
+            let id = name.replace('-', "_");
+            said && self.argument(&id).is_some() && !self.is_typed(&id)
+        })
     }
 
     /// The model, where the command takes one and none is typed.
@@ -229,10 +252,20 @@ impl Asked<'_> {
         // a result says how its own records were read
         let of_result = self.takes_records_of_a_result() && !self.is_typed("data") && !self.is_typed("runs");
         for (name, value) in own {
+            if let Some(why) = typed_only(name) {
+                wrong.push(format!("{}: options.{name}: {why}", file.display()));
+                continue;
+            }
             let is_of_records = OF_RECORDS.contains(&name) && (of_result || !self.works_on_records());
             if is_of_records || long(self.verb, name).is_some_and(|id| self.is_typed(&id)) {
                 continue;
             }
+            let id = long(self.verb, name).unwrap_or_default();
+            let values =
+                if let toml::Value::Array(list) = value { list.as_slice() } else { std::slice::from_ref(value) };
+            let places = values.iter().filter_map(toml::Value::as_str).map(Path::new);
+            let told = places.filter_map(|place| outside(self.verb.get_name(), &id, place, self.up));
+            wrong.extend(told.map(|said| format!("{}: options.{name}: {said}", file.display())));
             added.extend(typed(name, value));
         }
         if wrong.is_empty() { Ok(added) } else { Err(Failure::Input(wrong)) }

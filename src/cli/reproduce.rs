@@ -6,12 +6,13 @@ use crate::failure::{Ending, Failure, OrFailure, as_json, ended, print, remark};
 use crate::options::Repeats;
 use crate::progress::{Progress, RepeatProgress, counted};
 use crate::tasks::Visit;
+use crate::trust::refuse_units_of;
 use clap::Args;
 use fdm_lab::experiment::{Catalogue, Experiment, ExperimentError, Outcome, reproduce, tables};
 use fdm_lab::job;
 use fdm_lab::study::{Colour, FORM, Study, System, Watch, series};
 use fdm_report::{outcome_table, outcomes_markdown, outcomes_table, studies_markdown, studies_text};
-use fdm_results::store::Identity;
+use fdm_results::store::{Identity, read_input};
 use fdm_system::Model;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -53,6 +54,7 @@ pub(crate) struct Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
     let experiments = arguments.experiments()?;
+    refuse_units(&experiments)?;
     if let Some(count) = arguments.repeats {
         return arguments.study(&experiments, count as usize);
     }
@@ -86,6 +88,11 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         return Err(Failure::input(wrong));
     }
     ended(printed && outcomes.iter().all(|o| o.passed))
+}
+
+/// Models of experiments are named by their files.
+fn refuse_units(experiments: &[Experiment]) -> Result<(), Failure> {
+    experiments.iter().try_for_each(|e| refuse_units_of(e.models().map(|model| e.folder.join(model))))
 }
 
 impl Arguments {
@@ -177,6 +184,7 @@ impl Arguments {
             ])
         };
         let (experiments, colours) = (self.experiments()?, self.colours()?);
+        refuse_units(&experiments)?;
         let (Some(count), [experiment], [colour]) = (self.repeats, &experiments[..], &colours[..]) else {
             return Err(one());
         };
@@ -289,7 +297,7 @@ fn texts(experiment: &Experiment) -> Result<Vec<(String, Vec<u8>)>, Failure> {
     for file in files {
         let name = file.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
         match file.extension().and_then(|e| e.to_str()) {
-            Some("csv" | "toml") => texts.push((name, std::fs::read(&file).map_err(unreadable)?)),
+            Some("csv" | "toml") => texts.push((name, read_input(&file).map_err(unreadable)?)),
             Some("fdm") => {
                 let mut source = fdm_system::read_source(&file)?;
                 Model::gather_files(&mut source);

@@ -6,7 +6,7 @@ use crate::load::{ModelOrResult, assignment};
 use clap::Args;
 use fdm_exchange::verify::{Artefact, VerifyError};
 use fdm_report::verification_table;
-use fdm_results::store::WorkFolder;
+use fdm_results::store::{WorkFolder, read_input};
 use std::path::PathBuf;
 
 /// What `fdm verify` takes.
@@ -30,7 +30,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let file = arguments.file.display();
     let subject = ModelOrResult::at(&arguments.against, &arguments.set);
     let (model, _) = with_values(&subject, arguments.like.as_deref())?;
-    let bytes = std::fs::read(&arguments.file).map_err(|e| Failure::at(&arguments.file, &e))?;
+    let bytes = read_input(&arguments.file).map_err(|e| Failure::at(&arguments.file, &e))?;
     let told = |error: VerifyError| {
         let said = format!("{file}: {error}");
         match error {

@@ -57,7 +57,7 @@ pub fn import(path: &Path) -> Result<Import, Vec<String>> {
         "yaml" | "yml" => translation::problem(&tables::Problem::read(path)?, &stem),
         "xml" | "sbml" => {
             let file = path.display().to_string();
-            let text = std::fs::read_to_string(path).map_err(|e| vec![format!("{file}: {e}")])?;
+            let text = fdm_results::store::read_input_text(path).map_err(|e| vec![format!("{file}: {e}")])?;
             translation::model(&text, &file, &stem)
         }
         _ => {

@@ -165,7 +165,7 @@ fn plain(said: &str) -> &str {
 }
 
 fn read(path: &Path) -> Result<String, String> {
-    let bytes = std::fs::read(path).map_err(|e| format!("{}: {e}", path.display()))?;
+    let bytes = fdm_results::store::read_input(path).map_err(|e| format!("{}: {e}", path.display()))?;
     String::from_utf8(bytes).map_err(|_| format!("{}: it is not UTF-8 text", path.display()))
 }
 

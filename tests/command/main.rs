@@ -8,6 +8,7 @@ mod checkpoint;
 mod daveml;
 mod design;
 mod diagnose;
+mod doors;
 mod exchange;
 mod first_steps;
 mod held_inputs;

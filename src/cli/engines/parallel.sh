@@ -4,6 +4,7 @@
 set -euo pipefail
 cd @FOLDER@
 fdm=${FDM:-fdm}
-seq @SHARDS@ | parallel --jobs "${JOBS:-100%}" --retries 100 \
+# --quote: the words of the command are no text of a shell
+seq @SHARDS@ | parallel --quote --jobs "${JOBS:-100%}" --retries 100 \
     "$fdm" run @PLAN@ --shard {}/@SHARDS@ --out @OUT@ --threads 1 --quiet
 "$fdm" merge @OUT@

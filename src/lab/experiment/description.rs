@@ -245,7 +245,7 @@ impl Experiment {
     /// [`ExperimentError::Unreadable`], [`ExperimentError::Malformed`] with line and sentence, [`ExperimentError::Faults`] for names that nothing has.
     pub fn read(folder: &Path) -> Result<Self, ExperimentError> {
         let file = folder.join(Self::FILE);
-        let text = std::fs::read_to_string(&file)
+        let text = fdm_results::store::read_input_text(&file)
             .map_err(|e| ExperimentError::Unreadable { file: file.clone(), reason: fdm_results::store::reason(&e) })?;
         let mut experiment: Self = toml::from_str(&text)
             .map_err(|e| ExperimentError::Malformed { file: file.clone(), reason: e.to_string().trim_end().into() })?;
@@ -256,6 +256,12 @@ impl Experiment {
         experiment.folder = folder.into();
         let faults = experiment.faults();
         if faults.is_empty() { Ok(experiment) } else { Err(ExperimentError::Faults { file, faults }) }
+    }
+
+    /// The files of all its models, in its folder; a file may be named more than once.
+    pub fn models(&self) -> impl Iterator<Item = &str> {
+        let records = self.records.iter().flat_map(|r| [r.truth.as_deref(), r.controller.as_deref()]).flatten();
+        records.chain(self.stages.iter().map(|stage| stage.model.as_str())).filter(|name| !name.is_empty())
     }
 
     /// The names of all records.

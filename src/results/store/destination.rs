@@ -6,6 +6,7 @@
 
 use super::disk::{Disk, disk, reason};
 use super::fingerprint::fingerprint;
+use super::input::read_input_text;
 use super::manifest::{self, Claim, KeptFile, Manifest};
 use super::temporary;
 use std::ffi::OsStr;
@@ -297,7 +298,7 @@ pub(super) fn standing(folder: &Path, name: &str) -> PathBuf {
 
 /// The text of the manifest of a result, when one stands there.
 pub fn manifest_text(folder: &Path) -> Option<String> {
-    fs::read_to_string(standing(folder, manifest::NAME)).ok()
+    read_input_text(&standing(folder, manifest::NAME)).ok()
 }
 
 /// The files of the program in a folder by its manifest, the manifest first, and the records that they were made from; nothing where

@@ -4,6 +4,7 @@ use super::destination::{Destination, DestinationError, is_plain, manifest_text,
 use super::disk::reason;
 use super::fingerprint::fingerprint;
 use super::identity::Identity;
+use super::input::{read_input, read_input_text};
 use super::manifest::{self, KeptFile, Manifest};
 use crate::documents::{FitDocument, KeptParameter, OutputDocument, ResultDocument, from_text, to_text};
 use fdm_estimate::{Changes, Fit, FitOptions, Options, Status};
@@ -11,7 +12,6 @@ use fdm_system::model::{Model, ModelError};
 use fdm_system::record::Run;
 use fdm_system::simulate::Accuracy;
 use std::fmt;
-use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -205,7 +205,7 @@ fn files_as_they_stand(folder: &Path) -> Result<Vec<(String, Vec<u8>)>, ResultEr
 /// The manifest of a folder, and its text; `format` tells which folders are ours.
 fn manifest_of(folder: &Path, format: fn(&str) -> Option<u32>) -> Result<(String, Manifest), ResultError> {
     let foreign = || ResultError::Foreign { folder: folder.into() };
-    let text = match fs::read_to_string(standing(folder, manifest::NAME)) {
+    let text = match read_input_text(&standing(folder, manifest::NAME)) {
         Ok(text) => text,
         Err(e) if e.kind() == io::ErrorKind::NotFound && folder.is_dir() => return Err(foreign()),
         Err(e) if e.kind() == io::ErrorKind::InvalidData => return Err(foreign()),
@@ -237,7 +237,7 @@ impl ResultFolder {
         if !wrong.is_empty() {
             return Err(ResultError::Changed { folder: folder.into(), files: wrong });
         }
-        Self::read(folder, manifest, &|name| fs::read_to_string(standing(folder, name)).ok())
+        Self::read(folder, manifest, &|name| read_input_text(&standing(folder, name)).ok())
     }
 
     /// From the files of a result in memory, as [`Contents::files`] makes them; `folder` is what messages call them.
@@ -377,7 +377,7 @@ impl ResultFolder {
 
 /// A file as it was written; none when it is missing or another.
 fn read_same(folder: &Path, file: &KeptFile) -> Option<Vec<u8>> {
-    let content = is_plain(&file.name).then(|| fs::read(standing(folder, &file.name)))?.ok()?;
+    let content = is_plain(&file.name).then(|| read_input(&standing(folder, &file.name)))?.ok()?;
     (content.len() as u64 == file.bytes && fingerprint(&content) == file.sha256).then_some(content)
 }
 
@@ -389,6 +389,7 @@ mod tests {
     use super::*;
     use crate::documents::specimen::{fit, parameter};
     use fdm_estimate::Noise;
+    use std::fs;
     use std::sync::Arc;
 
     const TEXT: &str = "model a { param k = 1, b = 0 per run; output y = k + b; }";

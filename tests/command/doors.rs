@@ -1,0 +1,124 @@
+//! What comes with a folder from elsewhere, and files that have no end: refused with a word that helps.
+
+use std::fs;
+use support::command::Desk;
+
+const GAIN: &str = "model gain {\n  input u;\n  param a = 1;\n  output y = a*u;\n}\n";
+
+fn desk() -> Desk {
+    let desk = Desk::new();
+    desk.write("gain.fdm", GAIN);
+    let rows: String =
+        (0..21).map(|k| format!("{},{},{}\n", f64::from(k) / 10.0, 1 + k % 3, 2 * (1 + k % 3))).collect();
+    desk.write("run.csv", format!("t [s],u,y\n{rows}"));
+    desk
+}
+
+#[test]
+fn a_project_file_forces_nothing_and_writes_in_its_folder_only() {
+    let desk = desk();
+    let elsewhere = Desk::new();
+    let beyond = elsewhere.write("notes.html", "<meta name=\"generator\" content=\"fdm 1\">");
+    let fit = "fit gain.fdm --data run.csv -q";
+    for (options, said) in [
+        ("force = true", "only typed"),
+        ("allow-units = true", "options.allow-units"),
+        (&*format!("report = \"{}\"", beyond.display()), "lies outside"),
+        ("report = \"../page.html\"", "lies outside"),
+        ("out = \"deep/../../result\"", "lies outside"),
+        ("out = \"/tmp/fdm-result\"", "lies outside"),
+    ] {
+        desk.write("fdm.toml", format!("[options]\n{options}\n"));
+        let found = desk.refused(fit);
+        assert!(found.contains("fdm.toml") && found.contains(said), "{options}: {found}");
+        desk.good(&format!("{fit} --no-project"));
+    }
+    assert!(fs::read_to_string(&beyond).unwrap().starts_with("<meta"));
+    desk.write("fdm.toml", "[options]\nreport = \"page.html\"\nout = \"results/first\"\n");
+    desk.good(fit);
+    assert!(desk.path("page.html").is_file() && desk.path("results/first").is_dir());
+    #[cfg(unix)]
+    {
+        std::os::unix::fs::symlink(&beyond, desk.path("link.html")).unwrap();
+        desk.write("fdm.toml", "[options]\nreport = \"link.html\"\n");
+        assert!(desk.refused(fit).contains("lies outside"));
+    }
+    // what is typed is the user's own word
+    desk.good(&format!("{fit} --report {}", elsewhere.path("typed.html").display()));
+}
+
+#[test]
+fn a_job_forces_nothing_and_writes_in_its_folder_only() {
+    let desk = desk();
+    for (option, said) in [
+        ("force = true", "only typed"),
+        ("out = '/tmp/fdm-job'", "lies outside"),
+        ("report = '../a.html'", "lies outside"),
+    ] {
+        desk.write(
+            "job.toml",
+            format!("command = 'fit'\nmodel = 'gain.fdm'\ndata = 'run.csv'\nstarts = 3\n{option}\n"),
+        );
+        let found = desk.refused("plan job.toml -q --untimed");
+        assert!(found.contains(said), "{option}: {found}");
+    }
+}
+
+/// Only the superuser can give a file away.
+#[cfg(unix)]
+#[test]
+fn a_project_file_of_another_user_is_left_alone() {
+    let desk = desk();
+    let file = desk.write("fdm.toml", "model = \"gain.fdm\"\ndata = \"run.csv\"\n");
+    if std::os::unix::fs::chown(&file, Some(54_321), None).is_err() {
+        return;
+    }
+    fs::create_dir(desk.path("below")).unwrap();
+    for folder in ["", "below"] {
+        let at = |word: &str| {
+            let mut command = support::command::fdm();
+            command
+                .args(["fit", "-q"])
+                .args(word.split_whitespace())
+                .current_dir(desk.path(folder))
+                .env_remove("SUDO_UID");
+            command
+        };
+        let found = support::command::refused(&mut at(""));
+        assert!(
+            found.contains("user 54321") && found.contains("--no-project") && found.contains("FDM_SAFE_FOLDERS"),
+            "{found}"
+        );
+        assert!(support::command::refused(&mut at("--no-project")).contains("MODEL"));
+        support::command::good(at("").env("FDM_SAFE_FOLDERS", desk.path("")));
+        if rustix::process::geteuid().is_root() {
+            support::command::good(at("").env("SUDO_UID", "54321"));
+        }
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn devices_are_refused_wherever_a_file_is_named() {
+    let desk = desk();
+    for words in [
+        "fit gain.fdm --runs /dev/urandom -q",
+        "fit gain.fdm --data run.csv --map-file /dev/zero -q",
+        "diagnose gain.fdm --data run.csv --effects /dev/zero -q",
+        "plan /dev/zero",
+        "run /dev/zero --out tasks",
+        "verify /dev/zero --against gain.fdm",
+    ] {
+        let found = desk.refused(words);
+        assert!(found.contains("a device"), "{words}: {found}");
+    }
+    std::os::unix::fs::symlink("/dev/zero", desk.path("fdm.toml")).unwrap();
+    assert!(desk.refused("fit -q").contains("a device"));
+    fs::remove_file(desk.path("fdm.toml")).unwrap();
+    desk.write("fdm.toml", "map = \"/dev/zero\"\n");
+    assert!(desk.refused("fit gain.fdm --data run.csv -q").contains("a device"));
+    fs::remove_file(desk.path("fdm.toml")).unwrap();
+    fs::create_dir(desk.path("ship")).unwrap();
+    std::os::unix::fs::symlink("/dev/zero", desk.path("ship/experiment.toml")).unwrap();
+    desk.refused("reproduce ship");
+}
