@@ -653,7 +653,7 @@ mod tests {
         };
         let theta = model.definition().start();
         let dynamics = model.dynamics();
-        let (work, aim) = (Work::of(dynamics.layout()), Aim::at(TOLERANCE));
+        let (work, aim) = (Work::of(dynamics.layout()), StepOptions::default().aim());
         let choice = Choice { dynamics, run: &run, theta: &theta, work, aim, goes_on: &|| true };
         let followed = choice.explicit(MOST_STEPS).unwrap();
         let moved = choice.sensitivities_move(&followed.steps).unwrap();
