@@ -61,7 +61,7 @@ fn declared(model: &Model) -> Vec<Declared> {
         (None, Some(c)) => format!("computed: {}", show(&c.graph, c.expr, m)),
         (None, None) => String::new(),
     };
-    let role = |i: &fdm_grammar::model::Input| match (i.known, i.held) {
+    let role = |i: &Input| match (i.known, i.held) {
         (true, _) => "known",
         (_, true) => "input, held",
         _ => "input",
