@@ -180,6 +180,7 @@ fn an_integral_that_leaves_its_stop_inside_an_interval_is_exact() {
         inputs: u,
         measured: vec![f64::NAN; time.len()],
         held: vec![false],
+        stated: vec![true],
         input_gaps: vec![0],
         output_gaps: vec![0],
         time,
