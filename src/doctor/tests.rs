@@ -738,7 +738,7 @@ fn a_start_that_leads_nowhere_is_no_fault_of_the_record() {
         }
     }
     let (held, input_gaps, output_gaps) = (vec![false], vec![0], vec![0]);
-    let run = Run { name: "r".into(), time, inputs, held, measured, input_gaps, output_gaps };
+    let run = Run { name: "r".into(), time, inputs, held, measured, input_gaps, stated: Vec::new(), output_gaps };
     let record = Record::of_run(model.definition(), &run, None);
     let found = examine_beside(&model, &[run], &[record], Vec::new(), &BesideOptions::default());
     assert!(found.findings.iter().all(|f| f.severity == Severity::Remark), "{:?}", found.findings);
