@@ -3,6 +3,7 @@
 
 use crate::expression::{Expr, LONGEST};
 use crate::mathml::{lambda, math};
+use fdm_readers::refuse_endless_xml;
 use roxmltree::{Document, Node, ParsingOptions};
 use std::collections::BTreeMap;
 
@@ -97,6 +98,7 @@ impl Sbml {
     /// # Errors
     /// Every part that is broken or has no counterpart, with its line.
     pub(crate) fn read(text: &str) -> Result<Self, Vec<String>> {
+        refuse_endless_xml(text.as_bytes()).map_err(|e| vec![format!("it is not read: {e}")])?;
         let options = ParsingOptions { allow_dtd: false, nodes_limit: 20_000_000, ..ParsingOptions::default() };
         let document = Document::parse_with_options(text, options).map_err(|e| vec![format!("it is not XML: {e}")])?;
         let root = document.root_element();
