@@ -36,7 +36,7 @@ def test_scipy(residuals, best):
 def test_scipy_steps_back_from_what_cannot_be_simulated():
     """x' = a x x has no solution beyond t = 1 / (a x(0)): the first full step from 0.1 goes there."""
     pytest.importorskip("scipy")
-    m = fdm.Model.from_text("model m { state x = 1; param a = 0.1 in 0.01 .. 50; der(x) = a*x*x; output y = x; }")
+    m = fdm.Model.from_text("model m { state x = 1; param a = 0.1 in [0.01, 50]; der(x) = a*x*x; output y = x; }")
     t = np.linspace(0, 1, 41)
     residuals = m.prepare(fdm.Run(t=t, outputs={"y": 1 / (1 - 0.9 * t)}))
     with pytest.raises(fdm.NumericalError):
