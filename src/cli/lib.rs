@@ -22,6 +22,7 @@ mod failure;
 mod first_cause;
 mod fit;
 mod fmt;
+mod foreign_code;
 mod front;
 mod halt;
 mod help;
@@ -201,7 +202,7 @@ pub fn main_with(words: impl IntoIterator<Item = OsString>) -> ExitCode {
         let _ = rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global();
     }
     if let Verb::Reproduce(_) | Verb::Plan(_) | Verb::Run(_) | Verb::Merge(_) = &arguments.verb {
-        trust::models_are_named_by("a file", arguments.allow_units);
+        foreign_code::models_are_named_by("a file", arguments.allow_units);
     }
     let result = match &arguments.verb {
         Verb::Check(a) => check::run(a),

@@ -4,7 +4,7 @@
 use crate::campaign::{RecordFile, Role, RunTable, expanded, group, known_value, mask};
 use crate::delays::{DelayError, with_free_delays};
 use crate::failure::{Failure, OrFailure, did_you_mean, remark, tell};
-use crate::trust::refuse_foreign_code;
+use crate::foreign_code::refuse_foreign_code;
 use clap::Args;
 use fdm_doctor::{AloneOptions, Finding, Record, examine_alone, examine_repeats, leading};
 use fdm_estimate::{Changes, Noise};
@@ -124,7 +124,7 @@ impl ModelOrResult {
 /// Reads and compiles a model; warnings go to standard error.
 pub(crate) fn load_model(file: &Path) -> Result<Model, Failure> {
     let model = Model::from_file(file)?;
-    refuse_foreign_code(&model)?;
+    refuse_foreign_code(&model).or_failure()?;
     tell(model.source(), model.warnings());
     Ok(model)
 }
@@ -139,7 +139,7 @@ fn with_changes(model: &Model, changes: &Changes) -> Result<Model, Failure> {
 pub(crate) fn open_result(folder: &Path, beside: Option<&Path>) -> Result<(ResultFolder, Model), Failure> {
     let folder = ResultFolder::open(folder).or_failure()?;
     let model = folder.model()?;
-    refuse_foreign_code(&model)?;
+    refuse_foreign_code(&model).or_failure()?;
     if let Some(path) = beside {
         let other = Model::from_file(path)?;
         let other = other.untied(&model.open_ties()).unwrap_or(other);

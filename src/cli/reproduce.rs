@@ -3,10 +3,10 @@
 
 use crate::deliver::{NamedFile, refuse_others, write_all};
 use crate::failure::{Ending, Failure, OrFailure, as_json, ended, print, remark};
+use crate::foreign_code::refuse_units_of;
 use crate::options::Repeats;
 use crate::progress::{Progress, RepeatProgress, counted};
 use crate::tasks::Visit;
-use crate::trust::refuse_units_of;
 use clap::Args;
 use fdm_lab::experiment::{Catalogue, Experiment, ExperimentError, Outcome, reproduce, tables};
 use fdm_lab::job;
@@ -92,7 +92,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
 
 /// Models of experiments are named by their files.
 fn refuse_units(experiments: &[Experiment]) -> Result<(), Failure> {
-    experiments.iter().try_for_each(|e| refuse_units_of(e.models().map(|model| e.folder.join(model))))
+    experiments.iter().try_for_each(|e| refuse_units_of(e.models().map(|model| e.folder.join(model)))).or_failure()
 }
 
 impl Arguments {

@@ -1,23 +1,17 @@
 //! What a file may ask for that nobody typed: a project file, a job or an experiment may have come with a folder from elsewhere.
 //!
 //! A project file counts only where it belongs to the user, as Git has it for its own folders (`safe.directory`). Files do not say
-//! `force`, and the results that they name lie in their own folder. Machine code of units in a model that only a file names is run
-//! after `--allow-units`.
+//! `force`, and the results that they name lie in their own folder.
 
 use crate::failure::Failure;
 use crate::paths::is_written;
 use clap::{ArgMatches, Command};
-use fdm_grammar::expand::is_unit;
 use fdm_results::store::WorkFolder;
-use fdm_system::{Model, read_source};
 use std::fs::Metadata;
 use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
 
 /// The environment's list of folders whose project files count although they are another user's.
 const SAFE: &str = "FDM_SAFE_FOLDERS";
-/// The option that lets machine code of units run.
-pub(crate) const ALLOW_UNITS: &str = "--allow-units";
 /// Options that are typed, and stand in no file.
 const TYPED_ONLY: [&str; 3] = ["force", "allow-units", "no-project"];
 
@@ -118,45 +112,6 @@ pub(crate) fn refuse_liberties(command: &Command, matches: &ArgMatches) -> Resul
         );
     }
     if wrong.is_empty() { Ok(()) } else { Err(Failure::Input(wrong)) }
-}
-
-/// What names the model in the place of the user, where machine code is not allowed.
-static NAMED_BY: OnceLock<String> = OnceLock::new();
-
-/// From now on models are named by a file, and not by the user: machine code in them is not run unless he has allowed it.
-pub(crate) fn models_are_named_by(what: impl Into<String>, allowed: bool) {
-    if !allowed {
-        let _ = NAMED_BY.set(what.into());
-    }
-}
-
-/// Refuses a model with machine code that only a file names.
-pub(crate) fn refuse_foreign_code(model: &Model) -> Result<(), Failure> {
-    match NAMED_BY.get() {
-        Some(what) if model.holds_foreign_code() => Err(Failure::Input(vec![format!(
-            "{}: the model holds machine code of a unit, and {what} names it; {ALLOW_UNITS} lets it run",
-            model.source().name()
-        )])),
-        _ => Ok(()),
-    }
-}
-
-/// As [`refuse_foreign_code`], of models that are compiled elsewhere: their texts are looked at.
-pub(crate) fn refuse_units_of(models: impl Iterator<Item = PathBuf>) -> Result<(), Failure> {
-    let Some(what) = NAMED_BY.get() else { return Ok(()) };
-    for path in models {
-        // what cannot be read is told where it is compiled
-        let Ok(mut source) = read_source(&path) else { continue };
-        Model::gather_files(&mut source);
-        if let Some(unit) = source.texts().iter().find(|text| is_unit(text.name())) {
-            return Err(Failure::Input(vec![format!(
-                "{}: {} is machine code of a unit, and {what} names the model; {ALLOW_UNITS} lets it run",
-                path.display(),
-                unit.name()
-            )]));
-        }
-    }
-    Ok(())
 }
 
 #[cfg(test)]

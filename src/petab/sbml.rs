@@ -5,6 +5,7 @@ use crate::events::{Event, events};
 use crate::expression::{Expr, LONGEST, times};
 use crate::history::remember;
 use crate::mathml::{lambda, math};
+use fdm_readers::refuse_endless_xml;
 use roxmltree::{Document, Node, ParsingOptions};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -173,6 +174,7 @@ impl Sbml {
     /// # Errors
     /// Every part that is broken or has no counterpart, with its line.
     pub(crate) fn read(text: &str, outside: &BTreeSet<&str>) -> Result<Self, Vec<String>> {
+        refuse_endless_xml(text.as_bytes()).map_err(|e| vec![format!("it is not read: {e}")])?;
         let options = ParsingOptions { allow_dtd: false, nodes_limit: 20_000_000, ..ParsingOptions::default() };
         let document = Document::parse_with_options(text, options).map_err(|e| vec![format!("it is not XML: {e}")])?;
         let root = document.root_element();

@@ -28,6 +28,7 @@ mod tests;
 mod ulog;
 #[cfg(feature = "xlsx")]
 mod xlsx;
+mod xml;
 #[cfg(any(feature = "npz", feature = "xlsx"))]
 mod zip;
 
@@ -36,3 +37,4 @@ pub use gzip::unzipped;
 pub use log::{Damage, Field, Log, ReadError, Topic};
 pub use map::{ChannelMap, ClockMap, FreeDelay, MapError, RecordMap, TimeMap, shipped};
 pub use take::{TakeError, Taken, TakenColumn, take, unwrap};
+pub use xml::{MOST_ATTRIBUTES, refuse_endless_xml};

@@ -3,9 +3,10 @@
 //! Source of the cells: calamine. Formulas have the value that was stored with them.
 
 use crate::log::{Damage, Field, Log, ReadError, Reader, Topic, time_of};
+use crate::xml::refuse_endless_xml;
 use crate::zip::directory;
 use calamine::{DataRef, Reader as _};
-use std::io::Cursor;
+use std::io::{Cursor, Read};
 
 /// The reader.
 pub(crate) struct Xlsx;
@@ -27,7 +28,15 @@ impl Reader for Xlsx {
         let mut source = Cursor::new(bytes);
         let mut left = LIMIT;
         for entry in directory(&mut source, "XLSX")? {
-            entry.unpack(&mut source, left, |_, _| ()).map_err(|what| ReadError::Broken {
+            let is_xml = [".xml", ".rels"].iter().any(|ending| entry.name.ends_with(ending));
+            let look = |content: &mut dyn Read, _| {
+                let mut text = Vec::new();
+                if is_xml {
+                    content.read_to_end(&mut text).map_err(|e| e.to_string())?;
+                }
+                refuse_endless_xml(&text)
+            };
+            entry.unpack(&mut source, left, look).flatten().map_err(|what| ReadError::Broken {
                 format: "XLSX",
                 what: format!("`{}` in it is lost: {what}", entry.name.escape_debug()),
                 at: entry.at,

@@ -70,6 +70,11 @@ pub(crate) fn directory(source: &mut dyn Source, format: &'static str) -> Result
         let at = start + reader.at as u64;
         entries.push(entry(&mut reader).ok_or_else(|| broken("an entry of the directory is damaged", at))?);
     }
+    // entries that share bytes would become more than any of them could
+    let packed = entries.iter().fold(0_u64, |sum, entry| sum.saturating_add(entry.packed));
+    if packed > length {
+        return Err(broken("the files in the archive have more bytes than it: they share them", start));
+    }
     if reader.left() > 0 {
         Err(broken("the directory has another length than the archive says", start + reader.at as u64))
     } else {

@@ -1,8 +1,12 @@
 //! What a unit says of itself: `modelDescription.xml` ([`Description`]).
 
 use crate::archive::{DESCRIPTION, Files, UnitError, Version, library_name};
-use roxmltree::{Document, Node};
+use fdm_readers::refuse_endless_xml;
+use roxmltree::{Document, Node, ParsingOptions};
 use std::collections::HashMap;
+
+/// Most elements and texts of a description: each takes some hundred bytes of memory, of which all stay below 2 GiB.
+const MOST_NODES: u32 = 20_000_000;
 
 /// A real variable of a unit.
 #[derive(Debug, Clone, PartialEq)]
@@ -129,7 +133,9 @@ struct Listed<'a> {
 }
 
 fn parsed(text: &str) -> Result<Description, UnitError> {
-    let document = Document::parse(text)?;
+    refuse_endless_xml(text.as_bytes()).map_err(|e| UnitError::Unsuited(format!("in its {DESCRIPTION} {e}")))?;
+    let options = ParsingOptions { nodes_limit: MOST_NODES, ..ParsingOptions::default() };
+    let document = Document::parse_with_options(text, options)?;
     let root = document.root_element();
     let unsuited = |said: String| Err(UnitError::Unsuited(said));
     let version = match root.attribute("fmiVersion").unwrap_or_default() {

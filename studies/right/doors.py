@@ -83,7 +83,7 @@ for name in ["fdm.toml", "ship/experiment.toml", "result/result.json", "a.xml", 
     d = desk()
     (d / name).parent.mkdir(exist_ok=True)
     (d / name).symlink_to("/dev/zero")
-    words = {"fdm.toml": "fit -q", "ship/experiment.toml": "reproduce ship", "result/result.json": "report result"}
+    words = {"fdm.toml": "fit -q", "ship/experiment.toml": "reproduce ./ship", "result/result.json": "report result"}
     attack(f"device: {name}", d, words.get(name, f"import {name} --out new"))
 with zipfile.ZipFile((d := desk()) / "a.fmu", "w", zipfile.ZIP_DEFLATED) as z:
     z.writestr("modelDescription.xml", "<fmiModelDescription" + "".join(f' a{k}="1"' for k in range(200_000)) + "/>")

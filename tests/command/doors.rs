@@ -1,5 +1,7 @@
 //! What comes with a folder from elsewhere, and files that have no end: refused with a word that helps.
 
+use fdm_exchange::fmu::{Contents, Version, write};
+use std::collections::BTreeMap;
 use std::fs;
 use support::command::Desk;
 
@@ -120,5 +122,55 @@ fn devices_are_refused_wherever_a_file_is_named() {
     fs::remove_file(desk.path("fdm.toml")).unwrap();
     fs::create_dir(desk.path("ship")).unwrap();
     std::os::unix::fs::symlink("/dev/zero", desk.path("ship/experiment.toml")).unwrap();
-    desk.refused("reproduce ship");
+    assert!(desk.refused("reproduce ./ship").contains("no experiment"));
+}
+
+/// A parser that compares each attribute with all before it would take minutes.
+#[test]
+fn xml_of_endless_attributes_is_refused() {
+    let desk = desk();
+    let many: String = (0..200_000).map(|k| format!(" a{k}='1'")).collect();
+    desk.write("a.xml", format!("<sbml level='3'{many}><model/></sbml>"));
+    let found = desk.refused("import a.xml --out new");
+    assert!(found.contains("256 attributes"), "{found}");
+}
+
+/// A desk with a model that has a unit, which `fdm.toml`, a job and an experiment name.
+fn desk_with_unit() -> Desk {
+    let desk = desk();
+    let part =
+        fdm::Model::from_text("lag.fdm", "model lag { input u; state x; der(x) = u - x; output y = x; }").unwrap();
+    let test = std::env::current_exe().unwrap();
+    let name = format!("{}fdm_fmu{}", std::env::consts::DLL_PREFIX, std::env::consts::DLL_SUFFIX);
+    let library = fs::read(test.parent().unwrap().join(name)).unwrap();
+    let contents = Contents { model: &part, version: Version::Two, library: &library, errors: &BTreeMap::new() };
+    desk.write("lag.fmu", write(&contents).unwrap());
+    desk.write("unit.fdm", "model m { input u; param k = 1; use fmu \"lag.fmu\" as lag(u = u); output y = k*lag.y; }");
+    desk
+}
+
+#[test]
+fn machine_code_in_a_model_that_only_a_file_names_wants_a_word() {
+    let desk = desk_with_unit();
+    desk.good("simulate unit.fdm --data run.csv");
+    desk.write("fdm.toml", "model = \"unit.fdm\"\ndata = \"run.csv\"\n");
+    let found = desk.refused("simulate");
+    assert!(found.contains("fdm.toml names it") && found.contains("--allow-units"), "{found}");
+    let typed = desk.good("simulate unit.fdm");
+    assert_eq!(desk.good("simulate --allow-units"), typed);
+    // the file does not say the word itself
+    desk.write("fdm.toml", "model = \"unit.fdm\"\ndata = \"run.csv\"\n[options]\nallow-units = true\n");
+    desk.refused("simulate");
+    fs::remove_file(desk.path("fdm.toml")).unwrap();
+    desk.write("job.toml", "command = 'fit'\nmodel = 'unit.fdm'\ndata = 'run.csv'\nstarts = 3\n");
+    assert!(desk.refused("plan job.toml -q --untimed").contains("--allow-units"));
+    desk.good("plan job.toml -q --untimed --allow-units");
+    assert!(!desk.fdm("run job.plan --out tasks -q").status.success());
+    desk.good("run job.plan --out tasks -q --allow-units");
+    desk.write(
+        "experiment.toml",
+        "title = \"t\"\nsource = \"s\"\n[[record]]\nname = \"r\"\nfile = \"run.csv\"\n[[step]]\nname = \"a\"\nmodel = \"unit.fdm\"\n",
+    );
+    let found = desk.refused("reproduce .");
+    assert!(found.contains("lag.fmu") && found.contains("--allow-units"), "{found}");
 }
