@@ -6,6 +6,7 @@
 //! others are those given it.
 
 use crate::estimate::Estimate;
+use crate::lost_unknowns::Pin;
 use crate::observer::{Observer, Stop, UnknownName};
 use crate::problem::{Options, Problem, ProblemError};
 use crate::solve::{Solved, solve};
@@ -18,16 +19,7 @@ const ROUNDS: usize = 3;
 /// What a parameter must gain of the logarithm of the likelihood (Akaike 1974).
 const WORTH: f64 = 1.0;
 
-/// An unknown that is not estimated, and where it stays.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Pin {
-    /// Its place in the vector of unknowns.
-    pub(crate) unknown: usize,
-    /// Its value.
-    pub(crate) value: f64,
-}
-
-/// The same estimation with what it does not determine held.
+/// The estimate with what the data do not determine held.
 ///
 /// # Errors
 /// As the estimation itself.
@@ -84,31 +76,6 @@ fn merged(mut held: Solved, before: &Solved) -> Solved {
     held.estimate.evaluations.0 += before.estimate.evaluations.0;
     held.estimate.evaluations.1 += before.estimate.evaluations.1;
     held
-}
-
-/// An unknown that the data do not determine by itself, or that went to a bound.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Lost {
-    /// Its place in the vector of unknowns.
-    pub(crate) unknown: usize,
-    /// Where it began.
-    pub(crate) start: f64,
-    /// Where it ended.
-    pub(crate) value: f64,
-    /// Whether its sensitivities are small, but not zero.
-    pub(crate) shows: bool,
-    /// Whether it is at a bound, and began inside.
-    pub(crate) bound: bool,
-}
-
-impl Lost {
-    fn moved(&self) -> bool {
-        self.shows || self.value != self.start
-    }
-
-    fn at(&self, value: f64) -> Pin {
-        Pin { unknown: self.unknown, value }
-    }
 }
 
 /// Estimations whose iterations are nobody's business, but can be stopped.

@@ -7,6 +7,7 @@
 //! one divided by `d'R d/(s^2 d'd)` (the power of the noise where the responses differ, beside its mean power).
 
 use crate::estimate::{Estimate, ParameterEstimate};
+use crate::input_interpolation::{EstimateMove, InputInterpolation};
 use crate::observer::{Iteration, Observer, Stop};
 use crate::output_error::fit::Fit;
 use crate::output_error::options::{FitOptions, SharedSteps};
@@ -17,45 +18,8 @@ use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::record::even_grid::EvenGrid;
 use fdm_system::simulate::Simulator;
-use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 
-/// An input about which nobody said how it goes between samples, and what the record says.
-#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
-pub struct InputInterpolation {
-    /// Name of the input.
-    pub input: String,
-    /// Whether it was fitted as held, in some run at least; else in straight lines.
-    pub held: bool,
-    /// By how much the logarithm of the likelihood (nats) is higher the other way, as far as the colour of the residuals lets it count.
-    pub evidence: f64,
-    /// The same for white noise.
-    pub white: f64,
-    /// The estimate that would move furthest the other way, in its standard errors; none where no error is known.
-    pub moves: Option<EstimateMove>,
-    /// How many times the difference between both ways the residuals ask for, where that is significantly more than twice: something else
-    /// is late or early too.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub asked: Option<f64>,
-}
-
-/// What an estimate would become.
-#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
-pub struct EstimateMove {
-    /// The parameter.
-    pub parameter: String,
-    /// The run that it belongs to; none when all runs share it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub run: Option<String>,
-    /// Its other value.
-    pub value: f64,
-    /// How far that is from its estimate, in its standard errors (corrected ones where they are known).
-    pub standard_errors: f64,
-}
-
-/// Likelihood ratio from which a record is said to tell: where the other way is right, chance exceeds it in at most one of a hundred
-/// records (`P(L1/L0 > k) <= 1/k`; Royall 2000, J. Am. Stat. Assoc. 95, 760).
-const TELLS: f64 = 100.0;
 /// Standard errors that no estimate can move by, below which both ways are the same.
 const NEGLIGIBLE: f64 = 0.1;
 /// Iterations of a fit that begins near its end, and its tolerance: estimates to a small part of their errors are all that is asked.
@@ -63,18 +27,6 @@ const ITERATIONS: usize = 12;
 const TOLERANCE: f64 = 1e-4;
 /// Standard errors from which the residuals are said to ask for more than twice the difference.
 const SIGNIFICANT: f64 = 3.0;
-
-impl InputInterpolation {
-    /// Whether the record says that it was the other way.
-    pub fn is_otherwise(&self) -> bool {
-        self.evidence > TELLS.ln()
-    }
-
-    /// Whether the record says neither, and it matters: an estimate would move by its standard error or more.
-    pub fn is_undecided(&self) -> bool {
-        self.evidence.abs() <= TELLS.ln() && self.moves.as_ref().is_some_and(|m| m.standard_errors.abs() >= 1.0)
-    }
-}
 
 /// Compares both ways of every input that nobody stated, of a converged fit of plain squares; `thetas` are all parameters of each run at the
 /// estimates. Less than all where the observer ends it.

@@ -15,6 +15,7 @@ mod best_iterate;
 mod changes;
 mod degenerate;
 mod derived;
+mod doubted_initials;
 pub mod equation_error;
 mod estimate;
 mod few_samples;
@@ -25,8 +26,10 @@ mod hidden_states;
 mod identify;
 mod information;
 mod initial;
+mod input_interpolation;
 mod interpolation;
 mod iteration;
+mod lost_unknowns;
 mod method;
 mod noise;
 mod observer;
@@ -66,7 +69,7 @@ pub use frequency_responses::{
 pub use identify::{Identified, IdentifyError, identify};
 pub use information::{Information, Silence};
 pub use initial::initial_guess;
-pub use interpolation::{EstimateMove, InputInterpolation};
+pub use input_interpolation::{EstimateMove, InputInterpolation};
 pub use iteration::normal_equations::{NormalEquations, NotFinite};
 pub use method::{Domain, Method, Optimizer, SmoothBy};
 pub use noise::Noise;
@@ -86,12 +89,12 @@ pub use recovery::confidence::{LengthSensitivity, LengthSensitivity as Settling,
 pub use recovery::multi_start::StartSearch;
 pub use residual_vector::ResidualVector;
 
+pub use doubted_initials::{DoubtedInitial, DoubtedInitials, MovedParameter};
 pub use solve::{estimate, estimate_from};
 pub use spectra::{
     BinResponse, Nonlinear, RunSpectrum, SpectralBins, SpectralError, SpectralFit, SpectralOptions, StartingValue,
     Unanswered, UnobservableMode, fit_spectra,
 };
-pub use stated_initials::{DoubtedInitial, DoubtedInitials, MovedParameter};
 pub use table_nodes::{NodeEstimate, TableAxis, TableEstimate, Unvisited, unvisited};
 pub use termination::{Reason, Termination};
 pub use time_domain::{examined, fit, fit_from, fit_kept, start_search};

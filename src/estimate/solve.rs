@@ -2,11 +2,12 @@
 
 use crate::degenerate::collapsed;
 use crate::estimate::{BiasCorrection, Estimate, ParameterEstimate, RunFit, Symmetric};
-use crate::held::{Lost, Pin, with_undetermined_held};
+use crate::held::with_undetermined_held;
 use crate::iteration::evaluation::{Evaluator, Failure, RunFailure};
 use crate::iteration::likelihood::{LikelihoodCost, Observed, of_parameters, space};
 use crate::iteration::optimizers::approach;
 use crate::iteration::priors::Priors;
+use crate::lost_unknowns::{Lost, Pin};
 use crate::noise::Likelihood;
 use crate::observer::Observer;
 use crate::problem::{Options, Problem, ProblemError, ProblemRun};

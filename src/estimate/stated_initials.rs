@@ -4,6 +4,7 @@
 //! (Rao's score test, in which all others may move). Where that pays, a second look at the residuals of that step allows for their colour; and where it
 //! still pays, the model is fitted with these initial values free. Nothing is told that this fit does not bear out.
 
+use crate::doubted_initials::{DoubtedInitial, DoubtedInitials, MovedParameter};
 use crate::estimate::{ParameterEstimate, Status};
 use crate::observer::{Iteration, Observer, Stop};
 use crate::output_error::error::FitError;
@@ -18,7 +19,6 @@ use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::{Block, Simulator};
 use nalgebra::{DMatrix, DVector};
-use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 
 /// Probability, over all initial values of a model together, of a remark on values that are right. Errors that allow for the colour of residuals are known
@@ -30,52 +30,6 @@ const MOST_COLUMNS: usize = 1000;
 const LEFT: f64 = 1e-8;
 /// Most lags of which the correlation of residuals is summed.
 const MOST_LAGS: usize = 1000;
-
-/// Initial values that the model states and the data contradict.
-#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
-pub struct DoubtedInitials {
-    /// The initial values, run by run.
-    pub values: Vec<DoubtedInitial>,
-    /// What the logarithm of the likelihood rises by when they are free.
-    pub gain: f64,
-    /// What of that they cost: half the logarithm of the number of compared values for each (Schwarz).
-    pub cost: f64,
-    /// The parameters that all runs share, as they become; with their values before.
-    pub parameters: Vec<MovedParameter>,
-}
-
-/// An initial value that is stated, and what the data say.
-#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
-pub struct DoubtedInitial {
-    /// The state.
-    pub state: String,
-    /// The run.
-    pub run: String,
-    /// Its unit, as text.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub unit: Option<String>,
-    /// What the model states.
-    pub stated: f64,
-    /// What it becomes when it is free.
-    pub found: f64,
-    /// The standard error of that.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub error: Option<f64>,
-}
-
-/// A parameter with other initial values.
-#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
-pub struct MovedParameter {
-    /// Its name.
-    pub name: String,
-    /// Its estimate with the initial values as they are stated.
-    pub before: f64,
-    /// Its estimate with free ones.
-    pub value: f64,
-    /// The standard error of that.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub error: Option<f64>,
-}
 
 /// What the data say of the initial values that the model states; none where they do not contradict them, or where that cannot be told: of a fit that did
 /// not converge, without squares of residuals as its loss, or without errors that allow for coloured residuals. `thetas` are all parameters of each run at

@@ -1,14 +1,14 @@
 //! The result of an output-error fit: estimates, and all that is known about how they were reached.
 
+use crate::doubted_initials::DoubtedInitials;
 use crate::estimate::{Estimate, ParameterEstimate, Status};
 use crate::few_samples::FewSamples;
-use crate::interpolation::InputInterpolation;
+use crate::input_interpolation::InputInterpolation;
 use crate::observer::StartSummary;
 use crate::output_error::defect::FitDefect;
 use crate::output_error::integration_fault::IntegrationFault;
 use crate::output_error::loss::Loss;
 use crate::residuals::{Baseline, OutputQuality};
-use crate::stated_initials::DoubtedInitials;
 use crate::termination::Termination;
 use fdm_system::model::Model;
 use fdm_system::record::Run;

@@ -5,7 +5,7 @@ use super::bounds::within;
 use super::cramer_rao::CramerRao;
 use super::identifiability::{Direction, Reach, faint, undetermined};
 use super::sandwich::Corrected;
-use crate::held::Lost;
+use crate::lost_unknowns::Lost;
 use crate::problem::Problem;
 use crate::unknowns::Unknowns;
 use fdm_grammar::model::TableNode;
