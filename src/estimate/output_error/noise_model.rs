@@ -168,7 +168,9 @@ pub(crate) fn fit_noise_model(
     let (mut best, mut refused) = (None::<Fit>, None);
     for (k, place) in places.iter().enumerate() {
         let asked = (model, &whole, deviations, options);
-        match from_place(asked, runs, place, &first, observer) {
+        let found = from_place(asked, runs, place, &first, observer);
+        let ended = found.is_err() || matches!(&found, Ok(Some(fit)) if !fit.estimate.termination.is_stopped());
+        match found {
             Ok(Some(fit)) => {
                 let kept = best.as_ref().is_some_and(|b| b.estimate.cost.is_some() && !fit.is_better_than(b));
                 best = if kept { best } else { Some(fit) };
@@ -177,8 +179,8 @@ pub(crate) fn fit_noise_model(
             Err(error) => refused = Some(error),
         }
         let Some(stop) = stopped(observer) else { continue };
-        // places are left that may be better, or there is no better estimate than the first
-        let unfinished = k + 1 < places.len() || best.is_none();
+        // places are left that may be better, this one too, or there is no better estimate than the first
+        let unfinished = !ended || k + 1 < places.len() || best.is_none();
         let mut so_far = best.unwrap_or(first);
         if unfinished {
             so_far.estimate.termination = stop.into();
