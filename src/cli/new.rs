@@ -458,7 +458,8 @@ impl Recipe {
             stated: Vec::new(),
             output_gaps: vec![0; q],
             time,
-        };
+        }
+        .with_moves_held();
         let unsuited = |e| Failure::input([format!("the made-up record: {e}")]);
         let steps = choose_steps(model.dynamics(), &run, &theta, &StepOptions::default()).map_err(unsuited)?.steps;
         let mut y = vec![f64::NAN; self.samples * q];

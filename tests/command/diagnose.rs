@@ -80,7 +80,7 @@ fn record(k: usize) -> String {
 fn an_effect_of_the_users_own_is_found_and_written_into_the_users_text() {
     let desk = desk();
     let said = desk.good(
-        "diagnose yaw.fdm --data one.csv --data two.csv --holdout kept.csv --effects own.fdm --write better.fdm --out result --json -q",
+        "diagnose yaw.fdm --data one.csv --data two.csv --holdout kept.csv --linear rudder --effects own.fdm --write better.fdm --out result --json -q",
     );
     let found: Value = serde_json::from_str(&said).unwrap();
     assert_eq!((&found["verdict"], &found["extended_model"]), (&"effect_found".into(), &"better.fdm".into()), "{said}");

@@ -90,16 +90,18 @@ pub(super) fn run(question: &Question<'_>, manoeuvre: &Manoeuvre) -> Option<Run>
     for (k, v) in moved.iter().enumerate() {
         inputs[k * m + place] += v;
     }
-    Some(Run {
+    let known = question.known.first().map(|(run, _)| run);
+    let run = Run {
         name: manoeuvre.words("s"),
         time: (0..n).map(|k| question.dt * k as f64).collect(),
         inputs,
-        held: question.known.first().map_or_else(|| vec![false; m], |(run, _)| run.held.clone()),
+        held: known.map_or_else(|| vec![false; m], |run| run.held.clone()),
         measured: vec![0.0; n * q],
         input_gaps: vec![0; m],
-        stated: Vec::new(),
+        stated: known.map_or_else(Vec::new, |run| run.stated.clone()),
         output_gaps: vec![0; q],
-    })
+    };
+    Some(run.with_moves_held())
 }
 
 /// Follows a signal from rest by at most so much from sample to sample.

@@ -43,12 +43,17 @@ impl Shelf {
 
     /// The runs of some records for a model.
     fn runs(&self, names: &[String], model: &Model, stage: &Stage) -> Result<Vec<Run>, ExperimentError> {
+        let declared = model.definition().inputs.iter().filter(|i| i.is_declared() && !i.known);
+        let names_of = declared.map(|i| i.quantity.name.clone());
+        let straight = names_of.filter(|name| !stage.hold.contains(name)).collect();
         let options = ReadOptions {
             map: stage.map.iter().map(|(channel, column)| (channel.clone(), column.clone())).collect(),
             from: stage.window.map(|w| w[0]),
             to: stage.window.map(|w| w[1]),
             every: stage.every.unwrap_or(1),
             hold: stage.hold.clone(),
+            // an experiment is explicit: what it does not hold goes in straight lines, as it was flown
+            linear: straight,
             ..ReadOptions::default()
         };
         let channels = channels(model.definition());

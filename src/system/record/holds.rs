@@ -7,6 +7,7 @@
 use super::channel::Channels;
 use super::note::Note;
 use super::options::ReadOptions;
+use super::run::Run;
 
 /// What is known of the declared inputs of a run (m).
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -50,6 +51,18 @@ impl Holds {
             holds.stated.push(stated.is_some());
         }
         holds
+    }
+}
+
+impl Run {
+    /// With those inputs held that move only at samples, all at once, where nobody stated how they go: as a record of this run is read.
+    #[must_use]
+    pub fn with_moves_held(mut self) -> Self {
+        let m = self.held.len();
+        for input in (0..m).filter(|input| !self.stated.get(*input).is_some_and(|stated| *stated)) {
+            self.held[input] |= moves_at_samples(self.inputs.iter().skip(input).step_by(m).copied());
+        }
+        self
     }
 }
 
