@@ -98,7 +98,8 @@ pub(crate) fn tells_no_variance(freedom: f64, followed: f64) -> bool {
 pub(crate) fn passes_zero(values: &[f64]) -> Option<usize> {
     let touches = |v: &[f64]| {
         let [a, b, least, c, d] = *v else { return false };
-        if !v.iter().all(|s| s.is_finite()) || !(least <= b && least <= c && b < a && c < d) {
+        let dips = least <= b && least <= c && b < a && c < d;
+        if !(dips && v.iter().all(|s| s.is_finite())) {
             return false;
         }
         // where the lines through a, b and through d, c meet

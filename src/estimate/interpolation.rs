@@ -129,7 +129,7 @@ fn judged(input: &str, held: bool, fit: &Fit, other: &Estimate, runs: &[Run]) ->
             (sum, count) = (sum + e * e, count + 1.0);
         }
         let variance: f64 = sum / count;
-        if !(variance > 0.0) {
+        if variance.is_nan() || variance <= 0.0 {
             continue;
         }
         for (r, run) in runs.iter().enumerate() {

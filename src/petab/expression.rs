@@ -210,32 +210,32 @@ impl Expr {
     }
 
     /// The same where a number stands: a condition counts as 1 or 0 (SBML level 3 version 2, section 3.4.11).
-    pub(crate) fn as_number(self) -> Expr {
-        let number = |list: Vec<Expr>| list.into_iter().map(Self::as_number).collect();
+    pub(crate) fn into_number(self) -> Expr {
+        let number = |list: Vec<Expr>| list.into_iter().map(Self::into_number).collect();
         match self {
-            Self::Binary(sign, a, b) if sign.is_arithmetic() => binary(sign, a.as_number(), b.as_number()),
+            Self::Binary(sign, a, b) if sign.is_arithmetic() => binary(sign, a.into_number(), b.into_number()),
             Self::True | Self::False | Self::Not(_) | Self::Binary(..) => {
-                Self::If(vec![(Self::Number(1.0), self.as_condition())], Box::new(Self::Number(0.0)))
+                Self::If(vec![(Self::Number(1.0), self.into_condition())], Box::new(Self::Number(0.0)))
             }
-            Self::Minus(a) => Self::Minus(Box::new(a.as_number())),
+            Self::Minus(a) => Self::Minus(Box::new(a.into_number())),
             Self::Call(name, list) => Self::Call(name, number(list)),
             Self::Apply(name, list) => Self::Apply(name, number(list)),
             Self::If(branches, otherwise) => {
-                let branches = branches.into_iter().map(|(v, c)| (v.as_number(), c.as_condition())).collect();
-                Self::If(branches, Box::new(otherwise.as_number()))
+                let branches = branches.into_iter().map(|(v, c)| (v.into_number(), c.into_condition())).collect();
+                Self::If(branches, Box::new(otherwise.into_number()))
             }
             leaf => leaf,
         }
     }
 
     /// The same where a condition stands: a number holds where it is not 0.
-    pub(crate) fn as_condition(self) -> Expr {
+    pub(crate) fn into_condition(self) -> Expr {
         match self {
             Self::True | Self::False => self,
-            Self::Not(a) => Self::Not(Box::new(a.as_condition())),
-            Self::Binary(sign @ (Sign::And | Sign::Or), a, b) => binary(sign, a.as_condition(), b.as_condition()),
-            Self::Binary(sign, a, b) if !sign.is_arithmetic() => binary(sign, a.as_number(), b.as_number()),
-            number => binary(Sign::Unequal, number.as_number(), Self::Number(0.0)),
+            Self::Not(a) => Self::Not(Box::new(a.into_condition())),
+            Self::Binary(sign @ (Sign::And | Sign::Or), a, b) => binary(sign, a.into_condition(), b.into_condition()),
+            Self::Binary(sign, a, b) if !sign.is_arithmetic() => binary(sign, a.into_number(), b.into_number()),
+            number => binary(Sign::Unequal, number.into_number(), Self::Number(0.0)),
         }
     }
 
@@ -389,9 +389,9 @@ mod tests {
             ("a - b*c", "a - b*c"),
         ];
         for (read, written) in cases {
-            assert_eq!(formula(read).map(|e| e.as_number().text("t")).as_deref(), Ok(written));
+            assert_eq!(formula(read).map(|e| e.into_number().text("t")).as_deref(), Ok(written));
         }
-        assert_eq!(formula("a > 1").map(|e| e.as_condition().text("t")).as_deref(), Ok("a > 1"));
+        assert_eq!(formula("a > 1").map(|e| e.into_condition().text("t")).as_deref(), Ok("a > 1"));
     }
 
     #[test]

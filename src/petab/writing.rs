@@ -145,7 +145,7 @@ impl Text<'_> {
 
     /// A number in the names of the model.
     fn show(&self, e: &Expr) -> String {
-        self.written(e.clone().as_number())
+        self.written(e.clone().into_number())
     }
 
     /// An expression in the names of the model.
@@ -236,7 +236,7 @@ impl Text<'_> {
             let _ = writeln!(
                 out,
                 "  when {} {{ {} }}",
-                self.written(condition.clone().as_condition()),
+                self.written(condition.clone().into_condition()),
                 each.collect::<Vec<_>>().join(" ")
             );
         }

@@ -253,7 +253,7 @@ fn commands_keep_their_own_edges() {
     let topic = |name: &str, field: &str, t: Vec<f64>, values: Vec<f64>| Topic {
         name: name.into(),
         time: Some(0),
-        fields: vec![Field::new("t", Some("s".into()), t), Field::new(field, None, values)],
+        fields: vec![Field::new("t", Some("s"), t), Field::new(field, None, values)],
     };
     let sensor = topic("a", "y", (0..6).map(f64::from).collect(), vec![1.0; 6]);
     // one that repeats the value before has no edge

@@ -310,16 +310,13 @@ fn level(cost: f64) -> f64 {
 
 /// The largest difference of a parameter in its standard errors; one that neither determines does not count.
 fn in_errors(a: &StartSummary, b: &StartSummary) -> f64 {
-    let part = |((x, y), (e, f)): ((&f64, &f64), (&Option<f64>, &Option<f64>))| match [*e, *f]
-        .into_iter()
-        .flatten()
-        .reduce(f64::max)
-    {
-        _ if x == y => 0.0,
-        Some(error) => (x - y).abs() / error,
-        None => 0.0,
+    let moves = a.values.iter().zip(&b.values).map(|(x, y)| (x - y).abs());
+    let errors = a.errors.iter().zip(&b.errors).map(|(e, f)| [*e, *f].into_iter().flatten().reduce(f64::max));
+    let part = |(moved, error): (f64, Option<f64>)| match error {
+        Some(error) if moved > 0.0 => moved / error,
+        _ => 0.0,
     };
-    a.values.iter().zip(&b.values).zip(a.errors.iter().zip(&b.errors)).map(part).fold(0.0, f64::max)
+    moves.zip(errors).map(part).fold(0.0, f64::max)
 }
 
 /// Why the likelihood has no maximum though a start ended at a minimum: another one ended without, and at a lower cost than this.

@@ -41,10 +41,10 @@ fn trace(
     let n = places.len();
     let twice = |a: usize, b: usize| if a == b { 1.0 } else { 2.0 };
     if !sums.precise {
-        let row = |(a, (_, _, products, _)): (usize, (usize, &[u32], &[f64], f64))| -> f64 {
+        let row = |(a, products): (usize, &[f64])| -> f64 {
             products.iter().zip(a..).map(|(product, b)| twice(a, b) * product * covariance(a, b)).sum()
         };
-        return group.rows().enumerate().map(row).sum();
+        return group.rows().map(|(_, _, products, _)| products).enumerate().map(row).sum();
     }
     // rows of a triangle R with R'R the products
     let row = |(k, row): (usize, &[f64])| -> f64 {

@@ -35,7 +35,7 @@ pub(crate) fn corrected_spectra(
     }
     let (q, inverse_noise) = (problem.outputs.len(), noise.inverse());
     let sandwich = Sandwich { unknowns, bound };
-    let (runs, taken, mut power) = noise_by_frequency(problem, &sandwich, values)?;
+    let NoiseByFrequency { runs, taken, mut power } = noise_by_frequency(problem, &sandwich, values)?;
     let colour = |(o, name): (usize, &String)| SpectralColour::of(name, o, &runs, &taken);
     let spectral = problem.outputs.iter().enumerate().filter_map(colour).collect();
     // part of the residuals of measured regressors is the noise of others
@@ -71,7 +71,17 @@ pub(crate) fn corrected_spectra(
     Ok(Corrected { values: covariance, colours: Vec::new(), spectral, freedom, unbiased })
 }
 
-/// Sensitivities and residuals of all runs, what fitting took off the latter (q by q by M for each), and their local power.
+/// What the residuals of spectra say of their noise.
+pub(super) struct NoiseByFrequency {
+    /// Sensitivities and residuals of each run.
+    pub(super) runs: Vec<SpectralRows>,
+    /// What fitting took off the residuals of each run (q by q by M).
+    pub(super) taken: Vec<Vec<f64>>,
+    /// The local power of the residuals.
+    pub(super) power: Power,
+}
+
+/// The noise of all runs at these values.
 ///
 /// # Errors
 /// [`Uncorrected::NotFinite`]
@@ -79,7 +89,7 @@ pub(super) fn noise_by_frequency(
     problem: &mut Problem<'_>,
     sandwich: &Sandwich<'_>,
     values: &[f64],
-) -> Result<(Vec<SpectralRows>, Vec<Vec<f64>>, Power), Uncorrected> {
+) -> Result<NoiseByFrequency, Uncorrected> {
     let (q, unknowns) = (problem.outputs.len(), sandwich.unknowns);
     let work = |(r, run): (usize, &mut ProblemRun<'_>)| {
         SpectralRows::new(run, unknowns, &unknowns.assembled(r, values), &sandwich.scale(r))
@@ -88,7 +98,7 @@ pub(super) fn noise_by_frequency(
     let runs: Vec<SpectralRows> = runs.into_iter().collect::<Result<_, _>>()?;
     let taken: Vec<_> = runs.iter().enumerate().map(|(r, run)| run.taken(sandwich, r, q)).collect();
     let power = Power::of(&runs, &taken, q);
-    Ok((runs, taken, power))
+    Ok(NoiseByFrequency { runs, taken, power })
 }
 
 /// Degrees of freedom of the `n` corrected variances (Satterthwaite): each is a sum over frequencies of local means of the residuals' power,

@@ -4,7 +4,7 @@
 use super::cramer_rao::CramerRao;
 use super::sandwich::{Corrected, PriorInformation, Sandwich, Uncorrected};
 use super::sensitivity_rows::{Colour, SensitivityRows};
-use super::spectra::noise_by_frequency;
+use super::spectra::{NoiseByFrequency, noise_by_frequency};
 use crate::iteration::priors::PriorRow;
 use crate::noise::Weights;
 use crate::observer::Observer;
@@ -101,7 +101,7 @@ pub(crate) fn allow_spectra(
         return Ok(sizes.variation);
     }
     let (sandwich, inverse_noise) = (Sandwich { unknowns, bound }, noise.inverse());
-    let (runs, _, mut power) = noise_by_frequency(problem, &sandwich, values)?;
+    let NoiseByFrequency { runs, mut power, .. } = noise_by_frequency(problem, &sandwich, values)?;
     let (n, q) = (bound.inverse.chosen.len(), problem.outputs.len());
     power.settle(|o| 2.0 * noise.covariance[o * q + o]);
     let (mut plain, mut varying) = (vec![0.0; n], vec![0.0; n]);
