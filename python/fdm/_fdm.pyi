@@ -59,9 +59,8 @@ class Model:
         name: str,
         channels: Sequence[tuple[str, str | None, _Array]],
         groups: dict[str, str],
-        hold: Sequence[str],
+        course: tuple[Sequence[str], float | None],
         without_outputs: bool,
-        begin: float | None,
     ) -> Record: ...
     def sources(self, files: Sequence[str | PathLike[str]], words: Sequence[str], to_simulate: bool) -> list[Source]: ...
     def read(self, sources: Sequence[Source], elsewhere: Sequence[bool]) -> list[tuple[Record, list[str]]]: ...

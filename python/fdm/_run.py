@@ -274,7 +274,7 @@ class Run:
             if (self._exact or name in known) and name not in self.without_output
         ]
         taken += [(name, unit, np.full(len(self), value)) for name, (value, unit) in self._known.items()]
-        return model._m.run(self.name, taken, self.groups, self.zoh, waived or bool(self.without_output), self._start)
+        return model._m.run(self.name, taken, self.groups, (self.zoh, self._start), waived or bool(self.without_output))
 
     def _belongs(self, model: Model) -> None:
         """Refuses a run that does not say to which group of the model it belongs."""
@@ -410,7 +410,7 @@ def as_runs(runs: RunLike | Sequence[RunLike]) -> list[Run | RunTable]:
 
 
 # Options of reading, which belong to the files
-_READING = {"map", "map_file", "salvage", "from", "to", "begin", "every", "zoh", "without_output", "known", "group", "groups", "mask"}
+_READING = {"map", "map_file", "salvage", "from", "to", "begin", "every", "zoh", "linear", "without_output", "known", "group", "groups", "mask"}
 
 
 def _reading(options: Mapping[str, Any]) -> list[str]:

@@ -63,6 +63,10 @@ impl Answer {
 /// Channels of a run: name, unit and samples (N).
 type Channels<'py> = Vec<(String, Option<String>, PyReadonlyArray1<'py, f64>)>;
 
+/// Inputs that a run holds between samples, and where it begins.
+#[derive(FromPyObject)]
+struct Course(Vec<String>, Option<f64>);
+
 #[pymethods]
 impl Model {
     /// Reads a file and those that it uses.
@@ -218,10 +222,10 @@ impl Model {
         name: String,
         channels: Channels<'_>,
         groups: BTreeMap<String, String>,
-        hold: Vec<String>,
+        course: Course,
         without_outputs: bool,
-        begin: Option<f64>,
     ) -> PyResult<Record> {
+        let Course(hold, begin) = course;
         let mut builder = self.model.run(name);
         for (grouping, group) in &groups {
             builder = builder.group(grouping, group);

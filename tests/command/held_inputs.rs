@@ -111,7 +111,7 @@ fn what_moves_at_samples_is_taken_for_held_and_doubted_all_the_same() {
     );
     let (table, notes) = fitted(&desk, "lag.fdm --data ramps.csv --linear u");
     assert!((value(&table, "T") - 0.4).abs() < 0.005 && !notes.contains("taken for held"), "{table} {notes}");
-    desk.write("map.toml", "[channel.u]\nfrom = \"u\"\nhold = false\n[channel.y]\nfrom = \"y\"\n".to_string());
+    desk.write("map.toml", "[channel.u]\nfrom = \"u\"\nhold = false\n[channel.y]\nfrom = \"y\"\n");
     let (table, notes) = fitted(&desk, "lag.fdm --data ramps.csv --map-file map.toml");
     assert!((value(&table, "T") - 0.4).abs() < 0.005 && !notes.contains("taken for held"), "{table} {notes}");
 }
@@ -129,7 +129,7 @@ fn the_inertia_of_a_car_whose_steering_was_held() {
     let mut text = String::from("t [s],d [rad],v [m/s],r_m [rad/s],a_m [m/s^2]\n");
     for k in 0..1500 {
         let t = h * f64::from(k);
-        let (v, d) = (21.0 + 1.5 * (0.2 * t).sin(), 0.04 * (6.28 * (0.2 + 0.03 * t) * t).sin());
+        let (v, d) = (21.0 + 1.5 * (0.2 * t).sin(), 0.04 * (std::f64::consts::TAU * (0.2 + 0.03 * t) * t).sin());
         let (_, a) = rates(x, v, d);
         text += &format!("{t:.2},{d:.7},{v:.5},{:.7},{:.6}\n", x[1] + 0.002 * noise.next(), a + 0.05 * noise.next());
         for _ in 0..8 {

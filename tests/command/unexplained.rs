@@ -49,7 +49,8 @@ fn fitted(desk: &Desk) -> String {
 #[test]
 fn what_an_output_is_not_explained_by_stands_in_the_first_lines() {
     let desk = Desk::with([("plant.fdm", PLANT)]);
-    let planted: [(&str, fn(f64, f64) -> (f64, f64), &str); 3] = [
+    type Plant = fn(f64, f64) -> (f64, f64);
+    let planted: [(&str, Plant, &str); 3] = [
         ("`place` is not explained", |x, v| (x + 100.0, v), ""),
         ("`speed` is not explained", |x, v| (x, 57.29578 * v), "`speed`: "),
         ("`speed` runs against the model", |x, v| (x, -v), "`speed`: sign"),
