@@ -132,7 +132,7 @@ class Run:
     def _begin(self, zoh: Any, without_output: Any, groups: Mapping[str, str] | None) -> None:
         self.file: Path | None = None
         self._words: list[str] = []
-        self._start: float | None = None
+        self._start = None
         self._source: _fdm.Source | None = None
         self._bound: weakref.WeakKeyDictionary[Any, dict[Any, _fdm.Record]] = weakref.WeakKeyDictionary()
         self.zoh, self.without_output = listed(zoh), listed(without_output)
