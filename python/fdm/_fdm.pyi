@@ -59,7 +59,7 @@ class Model:
         name: str,
         channels: Sequence[tuple[str, str | None, _Array]],
         groups: dict[str, str],
-        course: tuple[Sequence[str], float | None],
+        course: tuple[Sequence[str], Sequence[str], float | None],
         without_outputs: bool,
     ) -> Record: ...
     def sources(self, files: Sequence[str | PathLike[str]], words: Sequence[str], to_simulate: bool) -> list[Source]: ...

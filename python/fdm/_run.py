@@ -62,7 +62,9 @@ class Run:
     units: units by name, where they are not said otherwise; ``"t"`` is the time.
     map: columns by channel, ``{"roll": "attitude_phi"}``.
     name: what tables call the run.
-    zoh: inputs that keep their value until the next sample (zero-order hold); others are linear between samples.
+    zoh: inputs that keep their value until the next sample (zero-order hold). Others are linear between samples, unless they move only
+        at samples, all at once.
+    linear: inputs that go in straight lines between samples, whatever they look like.
     without_output: outputs that are not compared.
     known: values that the run brings (``known T0 per run;``): a number in the model's unit, ``(20, "degC")`` or ``"20 degC"``.
     groups: the group that the run belongs to, by grouping (``param k per group aircraft;``): ``{"aircraft": "A"}``.
@@ -88,13 +90,14 @@ class Run:
         map: Mapping[str, str] | None = None,
         name: str | None = None,
         zoh: str | Iterable[str] = (),
+        linear: str | Iterable[str] = (),
         without_output: str | Iterable[str] = (),
         known: Mapping[str, Any] | None = None,
         groups: Mapping[str, str] | None = None,
         begin: float | None = None,
         mask: ArrayLike | str | Mapping[str, ArrayLike | str] | None = None,
     ):
-        self._begin(zoh, without_output, groups)
+        self._begin((zoh, linear), without_output, groups)
         if isinstance(data, (str, os.PathLike)):
             if t is not None or inputs or outputs or units:
                 raise TypeError("a file has its own times, channels and units: leave out t, inputs, outputs and units")
@@ -129,13 +132,14 @@ class Run:
         for output, samples in (mask.items() if isinstance(mask, Mapping) else [(None, mask)] if mask is not None else []):
             self._masks[output] = self._compared(samples)
 
-    def _begin(self, zoh: Any, without_output: Any, groups: Mapping[str, str] | None) -> None:
+    def _begin(self, between: tuple[Any, Any], without_output: Any, groups: Mapping[str, str] | None) -> None:
         self.file: Path | None = None
         self._words: list[str] = []
         self._start = None
         self._source: _fdm.Source | None = None
         self._bound: weakref.WeakKeyDictionary[Any, dict[Any, _fdm.Record]] = weakref.WeakKeyDictionary()
-        self.zoh, self.without_output = listed(zoh), listed(without_output)
+        self.zoh, self.linear = listed(between[0]), listed(between[1])
+        self.without_output = listed(without_output)
         self.groups: dict[str, str] = dict(groups or {})
         """The group that the run belongs to, by grouping."""
 
@@ -149,6 +153,7 @@ class Run:
         to: float | None = None,
         every: int | None = None,
         zoh: str | Iterable[str] = (),
+        linear: str | Iterable[str] = (),
         without_output: str | Iterable[str] = (),
         known: Mapping[str, Any] | None = None,
         groups: Mapping[str, str] | None = None,
@@ -163,7 +168,7 @@ class Run:
         those of `Run`. The file is read when a model is there that says what its channels are.
         """
         run = cls.__new__(cls)
-        run._begin(zoh, without_output, groups)
+        run._begin((zoh, linear), without_output, groups)
         reading = {"map": map, "from": from_, "to": to, "every": every, "known": known, "begin": begin, "mask": mask, **options}
         run._of_file(file, name, reading)
         return run
@@ -171,7 +176,7 @@ class Run:
     @classmethod
     def _of_source(cls, source: _fdm.Source) -> Run:
         run = cls.__new__(cls)
-        run._begin((), (), source.groups)
+        run._begin(((), ()), (), source.groups)
         run._of_file(source.path, source.name, {})
         run._source = source
         return run
@@ -180,7 +185,7 @@ class Run:
         self.file = Path(file)
         self.name = name or self.file.stem
         self._exact, self._channels, self._known, self._masks = False, {}, {}, {}
-        self._words = _reading({**reading, "groups": self.groups, "zoh": self.zoh, "without_output": self.without_output})
+        self._words = _reading({**reading, "groups": self.groups, "zoh": self.zoh, "linear": self.linear, "without_output": self.without_output})
 
     def _add(self, title: str, samples: Any) -> None:
         match = _TITLE.match(title)
@@ -274,7 +279,7 @@ class Run:
             if (self._exact or name in known) and name not in self.without_output
         ]
         taken += [(name, unit, np.full(len(self), value)) for name, (value, unit) in self._known.items()]
-        return model._m.run(self.name, taken, self.groups, (self.zoh, self._start), waived or bool(self.without_output))
+        return model._m.run(self.name, taken, self.groups, (self.zoh, self.linear, self._start), waived or bool(self.without_output))
 
     def _belongs(self, model: Model) -> None:
         """Refuses a run that does not say to which group of the model it belongs."""

@@ -63,9 +63,9 @@ impl Answer {
 /// Channels of a run: name, unit and samples (N).
 type Channels<'py> = Vec<(String, Option<String>, PyReadonlyArray1<'py, f64>)>;
 
-/// Inputs that a run holds between samples, and where it begins.
+/// Inputs that a run holds between samples, those that go in straight lines, and where it begins.
 #[derive(FromPyObject)]
-struct Course(Vec<String>, Option<f64>);
+struct Course(Vec<String>, Vec<String>, Option<f64>);
 
 #[pymethods]
 impl Model {
@@ -225,7 +225,7 @@ impl Model {
         course: Course,
         without_outputs: bool,
     ) -> PyResult<Record> {
-        let Course(hold, begin) = course;
+        let Course(hold, linear, begin) = course;
         let mut builder = self.model.run(name);
         for (grouping, group) in &groups {
             builder = builder.group(grouping, group);
@@ -247,6 +247,9 @@ impl Model {
         }
         for input in hold {
             builder = builder.zero_order_hold(&input);
+        }
+        for input in linear {
+            builder = builder.linear(&input);
         }
         if without_outputs {
             builder = builder.without_outputs();

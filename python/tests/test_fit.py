@@ -99,7 +99,7 @@ def test_matrices_belong_to_their_names(tanker_fit):
     assert np.allclose(tanker_fit.correlations, tanker_fit.cov_cramer_rao / np.outer(errors, errors))
     assert tanker_fit.noise_cov.shape == (1, 1)
     assert tanker_fit.good and tanker_fit.converged and tanker_fit.iterations == 9
-    assert any("correlated" in r for r in tanker_fit.remarks)
+    assert any("coloured" in r for r in tanker_fit.remarks)
 
 
 def test_histories_hold_together(tanker_fit):

@@ -117,8 +117,12 @@ def test_files_are_read_with_the_options_of_the_command(tanker, tanker_run):
 
 def test_held_inputs(roll):
     run = rolling(roll)
-    held = fdm.Run(t=run["t"], inputs={"aileron": run["aileron"]}, outputs={"p_m": run["p_m"], "phi_m": run["phi_m"]}, zoh="aileron")
-    assert values(roll.fit(held)) != values(roll.fit(run))
+    held, straight = (
+        fdm.Run(t=run["t"], inputs={"aileron": run["aileron"]}, outputs={"p_m": run["p_m"], "phi_m": run["phi_m"]}, **{word: "aileron"})
+        for word in ("zoh", "linear")
+    )
+    # it moves only at samples, all at once: taken for held in memory as in a file
+    assert values(roll.fit(held)) == values(roll.fit(run)) != values(roll.fit(straight))
     with pytest.raises(fdm.RunError, match="ailron"):
         roll.fit(fdm.Run(t=run["t"], inputs={"aileron": run["aileron"]}, outputs={"p_m": run["p_m"], "phi_m": run["phi_m"]}, zoh="ailron"))
 

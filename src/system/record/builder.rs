@@ -4,6 +4,7 @@ use super::beginning::Lead;
 use super::channel::{Channel, Role, channels};
 use super::derived::{self, Incomplete};
 use super::error::{Names, excerpt};
+use super::holds::Holds;
 use super::known;
 use super::read::since;
 use super::run::Run;
@@ -220,10 +221,8 @@ impl<'m> RunBuilder<'m> {
         if !wanted.timed {
             derived::compare_not(&driven, m, &mut measured, q);
         }
-        let named = |list: &[String], c: &Channel| list.contains(&c.name);
-        let linear = |c: &Channel| named(&self.linear, c);
-        let held: Vec<bool> = wanted.inputs.iter().map(|c| named(&self.held, c) || c.held && !linear(c)).collect();
-        let stated = wanted.inputs.iter().zip(&held).map(|(c, held)| *held || c.known || linear(c)).collect();
+        // as a file with these samples is read
+        let Holds { held, stated, .. } = Holds::of(&wanted, (&self.held, &self.linear), &[], &driven);
         let bridged = |(k, of): (usize, &Census)| of.bridged(&time, &mut driven, (m, k), held[k]);
         let input_gaps = census.iter().enumerate().map(bridged).collect();
         let mut time = time;

@@ -5,8 +5,6 @@
 //! samples, all at once.
 
 use super::channel::Channels;
-use super::note::Note;
-use super::options::ReadOptions;
 use super::run::Run;
 
 /// What is known of the declared inputs of a run (m).
@@ -16,22 +14,23 @@ pub(super) struct Holds {
     pub(super) held: Vec<bool>,
     /// Whether somebody said so, or said that it does not.
     pub(super) stated: Vec<bool>,
+    /// Inputs (by index) that nobody stated and that were taken for held.
+    pub(super) taken: Vec<usize>,
 }
 
 impl Holds {
-    /// As stated by options, else by a map (channel, and whether it holds), else by the model's text; as `inputs` (N by m row-major, NaN
+    /// As stated by name (held, linear), else by a map (channel, and whether it holds), else by the model's text; as `inputs` (N by m row-major, NaN
     /// where there is no value) show it where nobody said anything.
     pub(super) fn of(
         channels: &Channels,
-        options: &ReadOptions,
+        (hold, linear): (&[String], &[String]),
         mapped: &[(String, bool)],
         inputs: &[f64],
-        notes: &mut Vec<Note>,
     ) -> Self {
         let m = channels.inputs.len();
         let mut holds = Self::default();
         for (k, channel) in channels.inputs.iter().enumerate() {
-            let typed = match (options.hold.contains(&channel.name), options.linear.contains(&channel.name)) {
+            let typed = match (hold.contains(&channel.name), linear.contains(&channel.name)) {
                 (true, _) => Some(true),
                 (false, true) => Some(false),
                 (false, false) => None,
@@ -44,9 +43,7 @@ impl Holds {
             let stated = typed.or_else(by_map).or(by_text).or(of_known).or(differentiated);
             let moves = || moves_at_samples(inputs.iter().skip(k).step_by(m.max(1)).copied().filter(|v| !v.is_nan()));
             let taken = stated.is_none() && channels.timed && moves();
-            if taken {
-                notes.push(Note::TakenForHeld { input: channel.name.clone() });
-            }
+            holds.taken.extend(taken.then_some(k));
             holds.held.push(stated.unwrap_or(taken));
             holds.stated.push(stated.is_some());
         }

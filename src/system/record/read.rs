@@ -134,7 +134,9 @@ fn assemble(
     notes.extend((!table.ended).then_some(Note::OpenEnd));
     let (rows, dialect) = (samples.rows, Dialect { delimiter: table.delimiter, decimal: samples.decimal() });
     let mapped = table.numbers.as_ref().map_or(&[][..], |n| &n.held);
-    let holds = Holds::of(channels, options, mapped, &samples.inputs, &mut notes);
+    let holds = Holds::of(channels, (&options.hold, &options.linear), mapped, &samples.inputs);
+    let taken = holds.taken.iter().map(|k| channels.inputs[*k].name.clone());
+    notes.extend(taken.map(|input| Note::TakenForHeld { input }));
     known::unwrapped(&mut samples.measured, &channels.outputs, &mut notes);
     let mut run = finish(name, samples, &plan, channels, (holds, &lead), &mut notes)?;
     known::same_in_all(&run, channels).map_err(|problem| vec![problem])?;
@@ -272,7 +274,7 @@ fn finish(
     let (declared, q) = (plan.inputs.len(), plan.outputs.len());
     let mut inputs = derived::beside(time.len(), (&inputs, declared), declared, (&measured, q), &channels.driving);
     let m = declared + channels.driving.len();
-    let Holds { mut held, mut stated } = holds;
+    let Holds { mut held, mut stated, .. } = holds;
     held.resize(m, false);
     stated.resize(m, true);
     let output_gaps = (0..q).map(|k| measured.iter().skip(k).step_by(q).filter(|v| v.is_nan()).count()).collect();
