@@ -428,7 +428,8 @@ fn record(model: &Model, theta: &[f64], duration: f64, driven: &Driven) -> Resul
         let name = &input.quantity.name;
         builder = match input.known {
             true => builder.known(name, theta[known(model.definition(), k)]),
-            false => builder.samples(name, std::mem::take(&mut inputs[k])),
+            // every corner of the form is a sample
+            false => builder.samples(name, std::mem::take(&mut inputs[k])).linear(name),
         };
     }
     builder.build().map_err(|e| RequirementError::Simulation { reason: e.to_string() })
