@@ -34,6 +34,11 @@ macro_rules! codes {
             pub fn title(self) -> &'static str {
                 match self { $(Code::$name => $title,)* }
             }
+
+            /// The page about this code, as Markdown.
+            pub(crate) fn markdown(self) -> &'static str {
+                match self { $(Code::$name => include_str!(concat!("../explain/", $code, ".md")),)* }
+            }
         }
     };
 }

@@ -30,7 +30,7 @@ pub(crate) fn explain(arguments: &Explain) -> Ending {
     }
     let text = match &found[..] {
         [] => list(),
-        codes => codes.iter().map(|c| page(*c).text(*c)).collect::<Vec<_>>().join("\n"),
+        codes => codes.iter().map(|c| page(*c)).collect::<Vec<_>>().join("\n"),
     };
     ended(print(&text))
 }
