@@ -135,7 +135,7 @@ impl RunTable {
     fn role(&self, row: &Row) -> Result<Role, String> {
         match self.cell(row, "role") {
             None | Some("fit") => Ok(Role::Fit),
-            Some("validation" | "holdout") => Ok(Role::Validation),
+            Some("validation") => Ok(Role::Validation),
             Some(other) => Err(format!("role `{other}`: expected `fit` or `validation`")),
         }
     }

@@ -34,7 +34,7 @@ pub(crate) struct Arguments {
     selection: Selection,
     /// Largest amplitude of an input, in its unit or one of its own (`--amplitude 'elevator=2 deg'`) [default: as in the earlier
     /// runs]
-    #[arg(long = "amplitude", alias = "move", value_name = "INPUT=AMPLITUDE", value_parser = amount, help_heading = "The next run")]
+    #[arg(long = "amplitude", value_name = "INPUT=AMPLITUDE", value_parser = amount, help_heading = "The next run")]
     amplitudes: Vec<(String, Amount)>,
     /// Value of an input at rest (trim) [default: as the first run begins, or 0]
     #[arg(long = "rest", value_name = "INPUT=VALUE", value_parser = amount, help_heading = "The next run")]

@@ -33,7 +33,7 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     pub(crate) records: Records,
     /// Validation data: a run that is not fitted; an effect must improve its prediction too; may be given several times
-    #[arg(long, alias = "holdout", value_name = "RUN", help_heading = "Data")]
+    #[arg(long, value_name = "RUN", help_heading = "Data")]
     validation: Vec<PathBuf>,
     #[command(flatten)]
     effects: Effects,
@@ -45,7 +45,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "P", default_value_t = 0.03, value_parser = probability, help_heading = "Search")]
     alpha: f64,
     /// Most effects that are added, one after the other
-    #[arg(long = "max-effects", alias = "most", value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u16).range(0..=20), help_heading = "Search")]
+    #[arg(long = "max-effects", value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u16).range(0..=20), help_heading = "Search")]
     most: u16,
     /// Where models are compared with records; `frequency` is for linear models, unstable ones too, and for nonlinear terms
     /// that can be computed from the records

@@ -43,7 +43,7 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     pub(crate) records: Records,
     /// Validation data: a run that is not fitted but predicted with the result; may be given several times
-    #[arg(long, alias = "holdout", value_name = "RUN", help_heading = "Data")]
+    #[arg(long, value_name = "RUN", help_heading = "Data")]
     validation: Vec<PathBuf>,
     #[command(flatten)]
     estimated: Estimated,

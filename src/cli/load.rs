@@ -299,7 +299,7 @@ pub(crate) struct Selection {
     every: usize,
     /// Zero-order hold: this input keeps its value until the next sample [default: as the model or the map says; else where it moves only at
     /// samples, all at once]
-    #[arg(long, alias = "hold", value_name = "INPUT", requires = "recorded")]
+    #[arg(long, value_name = "INPUT", requires = "recorded")]
     zoh: Vec<String>,
     /// This input goes in straight lines between samples, whatever its samples look like
     #[arg(long, value_name = "INPUT", requires = "recorded")]

@@ -6,11 +6,15 @@ use clap::{Args, ValueEnum};
 use fdm_estimate::{self as estimate, Noise, Options, SmoothBy};
 
 /// What is minimised.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Method {
+    /// Maximum likelihood for measurement noise: simulated outputs against measured ones
     OutputError,
+    /// Maximum likelihood for process noise too (turbulence), by a Kalman filter; declare it with `noise der(x) = q;`
     FilterError,
+    /// Linear regression of measured rates; `fdm regress` has all of its options
     EquationError,
+    /// Least squares of magnitudes and phases of frequency responses, weighted by coherence
     FrequencyResponse,
 }
 
@@ -43,66 +47,13 @@ pub(crate) enum StartValues {
     EquationError,
 }
 
-/// Methods as they are typed; the spellings before version 0.2 stay valid.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum MethodWord {
-    /// Maximum likelihood for measurement noise: simulated outputs against measured ones
-    OutputError,
-    /// Maximum likelihood for process noise too (turbulence), by a Kalman filter; declare it with `noise der(x) = q;`
-    FilterError,
-    /// Linear regression of measured rates; `fdm regress` has all of its options
-    EquationError,
-    /// Least squares of magnitudes and phases of frequency responses, weighted by coherence
-    FrequencyResponse,
-    #[value(hide = true)]
-    Correction,
-    #[value(hide = true)]
-    NelderMead,
-    #[value(hide = true)]
-    Lbfgs,
-    #[value(hide = true)]
-    Fd,
-    #[value(hide = true)]
-    Fr,
-    #[value(hide = true)]
-    Fe,
-    #[value(hide = true)]
-    Rls,
-}
-
-/// What a word means, as far as it decides anything.
-#[derive(Debug, Clone, Copy)]
-struct Meaning {
-    method: Method,
-    domain: Option<Domain>,
-    optimizer: Option<Optimizer>,
-    start: Option<StartValues>,
-}
-
-impl MethodWord {
-    fn meaning(self) -> Meaning {
-        use Method::{EquationError, FilterError, FrequencyResponse, OutputError};
-        let (method, domain, optimizer, start) = match self {
-            Self::OutputError | Self::Correction => (OutputError, None, None, None),
-            Self::FilterError | Self::Fe => (FilterError, None, None, None),
-            Self::EquationError => (EquationError, None, None, None),
-            Self::FrequencyResponse | Self::Fr => (FrequencyResponse, None, None, None),
-            Self::NelderMead => (OutputError, None, Some(Optimizer::NelderMead), None),
-            Self::Lbfgs => (OutputError, None, Some(Optimizer::Lbfgs), None),
-            Self::Fd => (OutputError, Some(Domain::Frequency), None, None),
-            Self::Rls => (OutputError, Some(Domain::Time), None, Some(StartValues::EquationError)),
-        };
-        Meaning { method, domain, optimizer, start }
-    }
-}
-
 /// Method, domain, optimizer, and the limits of the iteration.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Estimation")]
 pub(crate) struct Methods {
     /// What is minimised
-    #[arg(long, value_name = "METHOD", value_enum, default_value_t = MethodWord::OutputError)]
-    method: MethodWord,
+    #[arg(long, value_name = "METHOD", value_enum, default_value_t = Method::OutputError)]
+    method: Method,
     /// Where model and records are compared [default: time; frequency for frequency responses]
     #[arg(long, value_name = "DOMAIN", value_enum)]
     domain: Option<Domain>,
@@ -147,19 +98,17 @@ pub(crate) struct Start {
     /// Where the iteration begins [default: model; in the frequency domain equation-error]
     #[arg(long, value_name = "START", value_enum)]
     start_values: Option<StartValues>,
-    #[arg(long, hide = true, conflicts_with = "start_values")]
-    own_values: bool,
 }
 
 impl Start {
-    /// What was typed, in either spelling.
+    /// What was typed.
     pub(crate) fn typed(&self) -> Option<StartValues> {
-        self.start_values.or(self.own_values.then_some(StartValues::Model))
+        self.start_values
     }
 
     /// The options that were given.
     pub(crate) fn given(&self) -> Vec<&'static str> {
-        given(&[("--start-values", self.start_values.is_some()), ("--own-values", self.own_values)])
+        given(&[("--start-values", self.start_values.is_some())])
     }
 }
 
@@ -179,23 +128,12 @@ pub(crate) struct Question {
 impl Methods {
     /// What is asked for, unless it cannot be combined with itself or with the other options that were given.
     pub(crate) fn question(&self, others: &[&'static str]) -> Result<Question, Failure> {
-        let meaning = self.method.meaning();
-        let (method, implied) = (meaning.method, (meaning.domain, meaning.optimizer));
-        let usual = if method == Method::FrequencyResponse { Domain::Frequency } else { Domain::Time };
+        let usual = if self.method == Method::FrequencyResponse { Domain::Frequency } else { Domain::Time };
         let question = Question {
-            method,
-            domain: self.domain.or(implied.0).unwrap_or(usual),
-            optimizer: self.optimizer.or(implied.1).unwrap_or(Optimizer::GaussNewton),
+            method: self.method,
+            domain: self.domain.unwrap_or(usual),
+            optimizer: self.optimizer.unwrap_or(Optimizer::GaussNewton),
         };
-        let word = value_name(self.method);
-        let typed =
-            Typed { word: (value_name_of_method(method) != word).then_some(word), domain: self.domain.is_some() };
-        if let (Some(word), true) = (&typed.word, self.contradicts(implied, meaning.start)) {
-            return Err(Failure::input([format!(
-                "--method {word} stands for {}; leave out what contradicts it",
-                spelled(method, implied, meaning.start)
-            )]));
-        }
         let mut options = self.start.given();
         let iteration = [("--iterations", self.iterations.is_some()), ("--tolerance", self.tolerance != 1e-9)];
         options.extend(given(&iteration));
@@ -203,23 +141,15 @@ impl Methods {
         options.extend(given(&[("--smooth-by", self.smooth_by != SmoothBy::Likelihood)]));
         options.extend(others);
         let refusals = question.refusals(&options);
-        if refusals.is_empty() { Ok(question) } else { Err(Failure::input(refusals.iter().map(|r| r.said(&typed)))) }
-    }
-
-    fn contradicts(
-        &self,
-        (domain, optimizer): (Option<Domain>, Option<Optimizer>),
-        start: Option<StartValues>,
-    ) -> bool {
-        fn differ<T: PartialEq>(typed: Option<T>, implied: Option<T>) -> bool {
-            typed.is_some() && implied.is_some() && typed != implied
+        match &refusals[..] {
+            [] => Ok(question),
+            _ => Err(Failure::input(refusals.iter().map(|r| r.said(self.domain.is_some())))),
         }
-        differ(self.domain, domain) || differ(self.optimizer, optimizer) || differ(self.start.typed(), start)
     }
 
     /// Where the iteration begins, when that was said.
     pub(crate) fn start(&self) -> Option<StartValues> {
-        self.start.typed().or(self.method.meaning().start)
+        self.start.typed()
     }
 
     /// The options of an estimation with this noise.
@@ -251,12 +181,11 @@ const N: bool = false;
 
 /// Which options have a part in which column of [`RUNS`]: output error in time and frequency, filter error, equation error in
 /// time and frequency, frequency responses. Optimizers are rows as well.
-const OPTIONS: [(&str, [bool; 6]); 37] = [
+const OPTIONS: [(&str, [bool; 6]); 36] = [
     ("--optimizer gauss-newton", [Y, Y, Y, Y, Y, Y]),
     ("--optimizer nelder-mead", [Y, Y, N, N, N, Y]),
     ("--optimizer lbfgs", [Y, Y, N, N, N, Y]),
     ("--start-values", [Y, Y, Y, N, N, N]),
-    ("--own-values", [N, Y, N, N, N, N]),
     ("--noise", [Y, Y, Y, N, N, N]),
     ("--loss", [Y, N, N, N, N, N]),
     ("--iterations", [Y, Y, Y, N, N, Y]),
@@ -298,14 +227,6 @@ struct Refusal {
     /// An option; none where the question itself is refused.
     option: Option<&'static str>,
     nearest: Question,
-}
-
-/// What the user typed of the question.
-struct Typed {
-    /// An old spelling of the method.
-    word: Option<String>,
-    /// The domain was typed.
-    domain: bool,
 }
 
 impl Question {
@@ -351,18 +272,19 @@ impl Question {
 }
 
 impl Refusal {
-    fn said(&self, typed: &Typed) -> String {
+    /// What is said; `domain_typed` where the domain was not left to the method.
+    fn said(&self, domain_typed: bool) -> String {
         let (from, to) = (self.asked, self.nearest);
         let single = |method| RUNS.iter().filter(|(m, _)| *m == method).count() == 1;
         let (method, domain) = (from.method != to.method, from.domain != to.domain);
         // the method alone says where frequency responses and filters work
-        let domain = domain && (!method || typed.domain || !single(to.method));
-        let describe = |q: Question, whole: bool| {
+        let domain = domain && (!method || domain_typed || !single(to.method));
+        let describe = |q: Question| {
             let mut words = Vec::new();
-            if method || whole {
-                words.push(format!("--method {}", value_name_of_method(q.method)));
+            if method {
+                words.push(format!("--method {}", value_name(q.method)));
             }
-            if domain || whole {
+            if domain {
                 words.push(format!("--domain {}", value_name(q.domain)));
             }
             if from.optimizer != to.optimizer {
@@ -370,9 +292,7 @@ impl Refusal {
             }
             words.join(" ")
         };
-        let old = typed.word.as_ref().filter(|_| method || domain);
-        let against = old.map_or_else(|| describe(from, false), |word| format!("--method {word}"));
-        let use_ = describe(to, old.is_some() && self.option.is_some());
+        let (against, use_) = (describe(from), describe(to));
         match self.option {
             Some(option) => {
                 // results of every method are validated by a command of its own
@@ -383,8 +303,8 @@ impl Refusal {
                 format!("{option} cannot be combined with {against}: leave it out, or use {use_}{validate}")
             }
             None => {
-                let (method, given) = (value_name_of_method(from.method), against);
-                format!("{given} cannot be combined with --method {method}: use {use_}")
+                let method = value_name(from.method);
+                format!("{against} cannot be combined with --method {method}: use {use_}")
             }
         }
     }
@@ -401,28 +321,6 @@ fn optimizer_name(optimizer: Optimizer) -> &'static str {
 /// The word of a value on the command line.
 fn value_name(value: impl ValueEnum) -> String {
     value.to_possible_value().map_or_else(String::new, |v| v.get_name().to_string())
-}
-
-fn value_name_of_method(method: Method) -> String {
-    value_name(match method {
-        Method::OutputError => MethodWord::OutputError,
-        Method::FilterError => MethodWord::FilterError,
-        Method::EquationError => MethodWord::EquationError,
-        Method::FrequencyResponse => MethodWord::FrequencyResponse,
-    })
-}
-
-/// An old spelling in today's words.
-fn spelled(
-    method: Method,
-    (domain, optimizer): (Option<Domain>, Option<Optimizer>),
-    start: Option<StartValues>,
-) -> String {
-    let mut words = vec![format!("--method {}", value_name_of_method(method))];
-    words.extend(domain.map(|d| format!("--domain {}", value_name(d))));
-    words.extend(optimizer.map(|o| optimizer_name(o).to_string()));
-    words.extend(start.map(|s| format!("--start-values {}", value_name(s))));
-    words.join(" ")
 }
 
 #[cfg(test)]
@@ -444,7 +342,6 @@ mod tests {
 
     #[test]
     fn every_cell_runs_or_names_the_nearest_choice() {
-        let typed = Typed { word: None, domain: true };
         let (mut run, mut refused) = (0, 0);
         for question in questions() {
             for option in OPTIONS.iter().map(|(name, _)| *name).filter(|name| !name.starts_with("--optimizer")) {
@@ -454,13 +351,13 @@ mod tests {
                         run += 1;
                     }
                     [refusal] => {
-                        let (near, text) = (refusal.nearest, refusal.said(&typed));
+                        let (near, text) = (refusal.nearest, refusal.said(true));
                         // what is proposed runs, and names what it replaces
                         assert!(near.refusals(refusal.option.as_slice()).is_empty(), "{text}");
                         assert!(text.contains("cannot be combined with --") && text.contains("use --"), "{text}");
                         let whole = format!(
                             "--method {} --domain {} {}",
-                            value_name_of_method(near.method),
+                            value_name(near.method),
                             value_name(near.domain),
                             optimizer_name(near.optimizer)
                         );
@@ -483,8 +380,7 @@ mod tests {
     fn refusals_read_well() {
         let said = |method, domain, optimizer, option: &'static str| {
             let question = Question { method, domain, optimizer };
-            let typed = Typed { word: None, domain: false };
-            question.refusals(&[option]).first().map_or(String::new(), |r| r.said(&typed))
+            question.refusals(&[option]).first().map_or(String::new(), |r| r.said(false))
         };
         use {Domain::*, Method::*, Optimizer::*};
         let all = [

@@ -31,7 +31,6 @@ enum Kind {
     /// Two reactions, one after the other
     Kinetics,
     /// Short-period motion of an aircraft, with its derivatives
-    #[value(alias = "linear")]
     ShortPeriod,
     /// Lateral motion of an aircraft, with its derivatives
     Lateral,

@@ -166,7 +166,7 @@ pub(crate) struct Spectra {
     #[arg(long, value_parser = number, value_name = "STEP", requires = "band", allow_negative_numbers = true)]
     df: Option<f64>,
     /// End-point (leakage) corrections [default: free]
-    #[arg(long, alias = "ends", value_name = "HOW", value_enum)]
+    #[arg(long, value_name = "HOW", value_enum)]
     end_points: Option<EndPoints>,
     /// Nonlinear terms of a model in the frequency domain [default: auto]
     #[arg(long, value_name = "HOW", value_enum)]
@@ -190,7 +190,6 @@ enum NonlinearTerms {
     #[default]
     Auto,
     /// As measured regressors (pseudo-inputs) computed from the records
-    #[value(alias = "carry")]
     MeasuredRegressors,
     /// Linearised at the trim
     Linearise,
@@ -349,7 +348,6 @@ enum NoiseColour {
     /// As in the residuals: the autoregressive model that corrects the standard errors
     Fitted,
     /// AR(1) noise, rho = 0.9
-    #[value(alias = "lag")]
     Ar1,
     /// Pink noise: power falls as one over the frequency
     Pink,

@@ -71,9 +71,6 @@ struct Recursive {
     /// Recursive least squares with forgetting, sample by sample, instead of all samples at once
     #[arg(long)]
     recursive: bool,
-    /// The spelling before version 0.2
-    #[arg(long, value_name = "ls|rls", value_enum, default_value_t, hide = true)]
-    method: OldMethod,
     /// Forgetting factor: weight of a sample relative to the one after it, above 0, at most 1 [default: 0.99]
     #[arg(long, value_parser = number, value_name = "G", allow_negative_numbers = true)]
     forgetting: Option<f64>,
@@ -94,13 +91,6 @@ struct Recursive {
     plot: Option<PathBuf>,
 }
 
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
-enum OldMethod {
-    #[default]
-    Ls,
-    Rls,
-}
-
 /// What `--best` takes.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum Best {
@@ -113,10 +103,6 @@ enum Best {
 }
 
 impl Recursive {
-    fn is_wanted(&self) -> bool {
-        self.recursive || self.method == OldMethod::Rls
-    }
-
     fn given(&self) -> Vec<&'static str> {
         given(&[
             ("--forgetting", self.forgetting.is_some()),
@@ -165,7 +151,7 @@ impl Arguments {
     /// Options that would be ignored are refused.
     fn refuse(&self) -> Result<(), Failure> {
         let places = [("--out", self.places.out.is_some()), ("--report", self.places.report.is_some())];
-        let (refused, against, instead) = if self.recursive.is_wanted() {
+        let (refused, against, instead) = if self.recursive.recursive {
             let batch = [
                 ("--band", self.band.is_some()),
                 ("--df", self.df.is_some()),
@@ -216,7 +202,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let changes = arguments.model.changes(&arguments.estimated);
     let (model, campaign) = loaded(&arguments.model, &changes, records, output.quiet)?;
     let runs = &campaign.runs[..];
-    if arguments.recursive.is_wanted() {
+    if arguments.recursive.recursive {
         return arguments.recursive.run(&model, runs, arguments.detrend, output);
     }
     let options = arguments.options();

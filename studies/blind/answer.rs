@@ -103,7 +103,7 @@ pub(crate) fn ask(folder: &Path, limit: Duration) -> (Result<Answer, String>, f6
     let file = |path: &Path| std::fs::File::create(path).expect("a folder that can be written to");
     let mut command = Command::new(tool());
     command.args(["diagnose", "model.fdm", "--data", "run1.csv", "--data", "run2.csv"]);
-    command.args(["--holdout", "holdout.csv", "--json"]).current_dir(folder);
+    command.args(["--validation", "holdout.csv", "--json"]).current_dir(folder);
     if let Ok(threads) = std::env::var("FDM_BLIND_TOOL_THREADS") {
         command.env("RAYON_NUM_THREADS", threads);
     }

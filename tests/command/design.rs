@@ -16,8 +16,7 @@ const MODEL: &str = "model craft {
 #[test]
 fn a_planned_run_gives_the_errors_that_were_promised() {
     let desk = Desk::with([("craft.fdm", MODEL)]);
-    let design =
-        "design craft.fdm --move stick=2 --move flap=0.1_rad --duration 8 --dt 0.05 --runs 1 --records plan --json -q";
+    let design = "design craft.fdm --amplitude stick=2 --amplitude flap=0.1_rad --duration 8 --dt 0.05 --runs 1 --records plan --json -q";
     // an argument with a space, as a shell would hand it over
     let words: Vec<String> = design.split_whitespace().map(|w| w.replace('_', " ")).collect();
     let output = desk.command_of(&words).output().unwrap();
@@ -39,7 +38,7 @@ fn a_planned_run_gives_the_errors_that_were_promised() {
         assert!((outlook(k).unwrap() / error - 1.0).abs() < 1e-4, "{error}: {}", found["outlook"][k]);
     }
     // with that run made, the flap is next
-    let next = desk.json("design craft.fdm --data flown.csv --move stick=2 --move flap=5 --runs 1 --json -q");
+    let next = desk.json("design craft.fdm --data flown.csv --amplitude stick=2 --amplitude flap=5 --runs 1 --json -q");
     assert_eq!(next["steps"][0]["manoeuvre"]["input"], "flap");
     assert!(next["undetermined_now"][0]["sentence"].as_str().unwrap().contains("`Mflap`"));
 }
@@ -48,12 +47,12 @@ fn a_planned_run_gives_the_errors_that_were_promised() {
 fn what_is_missing_is_asked_for() {
     let desk = Desk::with([("craft.fdm", MODEL)]);
     for (words, expected) in [
-        ("design craft.fdm --move stick=2", "--duration and --dt"),
+        ("design craft.fdm --amplitude stick=2", "--duration and --dt"),
         ("design craft.fdm --duration 8 --dt 0.1", "--amplitude stick=VALUE"),
-        ("design craft.fdm --duration 8 --dt 0.1 --move stik=2", "did you mean `stick`?"),
-        ("design craft.fdm --duration 8 --dt 5 --move stick=2", "3 samples"),
-        ("design craft.fdm --duration 8 --dt 0.1 --move stick=0", "the height of `stick` is 0"),
-        ("design craft.fdm --duration 8 --dt 0.1 --move stick=two", "`two` is not a number"),
+        ("design craft.fdm --duration 8 --dt 0.1 --amplitude stik=2", "did you mean `stick`?"),
+        ("design craft.fdm --duration 8 --dt 5 --amplitude stick=2", "3 samples"),
+        ("design craft.fdm --duration 8 --dt 0.1 --amplitude stick=0", "the height of `stick` is 0"),
+        ("design craft.fdm --duration 8 --dt 0.1 --amplitude stick=two", "`two` is not a number"),
     ] {
         let said = desk.refused(words);
         assert!(said.contains(expected), "{words}: {said}");

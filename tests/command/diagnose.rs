@@ -80,7 +80,7 @@ fn record(k: usize) -> String {
 fn an_effect_of_the_users_own_is_found_and_written_into_the_users_text() {
     let desk = desk();
     let said = desk.good(
-        "diagnose yaw.fdm --data one.csv --data two.csv --holdout kept.csv --linear rudder --effects own.fdm --write better.fdm --out result --json -q",
+        "diagnose yaw.fdm --data one.csv --data two.csv --validation kept.csv --linear rudder --effects own.fdm --write better.fdm --out result --json -q",
     );
     let found: Value = serde_json::from_str(&said).unwrap();
     assert_eq!((&found["verdict"], &found["extended_model"]), (&"effect_found".into(), &"better.fdm".into()), "{said}");
@@ -146,7 +146,7 @@ fn an_input_that_follows_the_states_is_told() {
     desk.write("held.fdm", MODEL.replace("[1/s] = 0;", "[1/s] = 1;"));
     desk.write("loop.csv", steered(3));
     let of = |words: &str| desk.json(words);
-    let found = of("diagnose held.fdm --data loop.csv --hold rudder --json -q");
+    let found = of("diagnose held.fdm --data loop.csv --zoh rudder --json -q");
     let input = &found["following"]["inputs"][0];
     assert!(input["input"] == "rudder" && input["explained"].as_f64().unwrap() > 0.8, "{input}");
     // what the rudder does and what the damping does is one thing in such a record: neither can be seen to change
@@ -162,7 +162,7 @@ fn an_input_that_follows_the_states_is_told() {
     for parameter in ["time_varying_parameter(T)", "input_scale(rudder)"] {
         assert!(hidden.iter().any(|place| place == parameter), "{hidden:?}");
     }
-    let said = desk.good("diagnose held.fdm --data loop.csv --hold rudder -q");
+    let said = desk.good("diagnose held.fdm --data loop.csv --zoh rudder -q");
     assert!(said.contains("rudder follows the states"), "{said}");
     assert!(
         said.contains(&format!(

@@ -26,8 +26,12 @@ fn desk() -> Desk {
 #[test]
 fn a_new_model_checks_simulates_and_fits() {
     let at = Desk::new();
-    let kinds =
-        [("second-order", "gain", 1.3), ("kinetics", "k1", 0.31), ("linear", "Ma", -6.1), ("servo", "drive.c", 0.11)];
+    let kinds = [
+        ("second-order", "gain", 1.3),
+        ("kinetics", "k1", 0.31),
+        ("short-period", "Ma", -6.1),
+        ("servo", "drive.c", 0.11),
+    ];
     for (kind, name, truth) in kinds {
         let said = at.good(&format!("new my-{kind}.fdm --kind {kind}"));
         assert!(said.contains(&format!("fdm fit my-{kind}.fdm --data my-{kind}.csv")), "{said}");
@@ -42,9 +46,9 @@ fn a_new_model_checks_simulates_and_fits() {
         let value = parameter["value"].as_f64().unwrap();
         assert!((value - truth).abs() < 0.05 * truth.abs(), "{kind}: {name} is {value}, made up with {truth}");
     }
-    let before = fs::read(at.path("my-linear.fdm")).unwrap();
-    assert!(at.refused("new my-linear.fdm").contains("exists already"));
-    assert_eq!(fs::read(at.path("my-linear.fdm")).unwrap(), before);
+    let before = fs::read(at.path("my-short-period.fdm")).unwrap();
+    assert!(at.refused("new my-short-period.fdm").contains("exists already"));
+    assert_eq!(fs::read(at.path("my-short-period.fdm")).unwrap(), before);
     at.write("only.csv", "t,x\n");
     assert!(at.refused("new only.fdm").contains("only.csv"));
     assert!(!at.path("only.fdm").exists());

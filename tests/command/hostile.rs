@@ -312,7 +312,7 @@ fn options_that_fit_nothing() {
         with(verb, &["--set", "a=many"]).refused(&["--set", "`many` is not a number"]);
         with(verb, &["--map", "y=angle"]).refused(&["--map y=angle", "no such column"]);
         with(verb, &["--map", "z=y"]).refused(&["`z`", "which the model does not have"]);
-        with(verb, &["--hold", "w"]).refused(&["--zoh", "`w`"]);
+        with(verb, &["--zoh", "w"]).refused(&["--zoh", "`w`"]);
         with(verb, &["--every", "0"]).refused(&["--every 0"]);
         with(verb, &["--from", "5"]).refused(&["--from"]);
         with(verb, &["--wrong"]).refused(&["--wrong"]);
@@ -380,7 +380,7 @@ fn records_that_drive_a_model_are_needed_by_every_verb() {
     let last: Vec<f64> =
         outcome.out.lines().last().expect("rows").split(',').map(|c| c.parse().expect("numbers")).collect();
     assert!((last[1] + 19.0).abs() < 1e-9, "{last:?}");
-    let hold = [OsStr::new("--hold"), OsStr::new("y")];
+    let hold = [OsStr::new("--zoh"), OsStr::new("y")];
     let first = [OsStr::new("simulate"), model.as_os_str(), OsStr::new("--data"), record.as_os_str()];
     desk.run(first.into_iter().chain(hold)).refused(&["--zoh `y`", "only inputs"]);
 }

@@ -163,7 +163,7 @@ fn corrections_and_parameters_are_seen_while_a_fit_works() {
     }
     served.desk.write("long.csv", rows);
     let fit = served.begin(
-        "fit curved.fdm --data long.csv --method nelder-mead --integrator runge-kutta --steps 800 -q --out result",
+        "fit curved.fdm --data long.csv --optimizer nelder-mead --integrator runge-kutta --steps 800 -q --out result",
     );
     let page = served.page_with(&["decay: at work", "id=\"convergence-1\"", "largest step", "id=\"parameters\""]);
     assert!(page.contains("At work: iteration ") && page.contains("so far "), "{page:.4000}");

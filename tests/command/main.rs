@@ -5,6 +5,7 @@
 mod beginnings;
 mod campaigns;
 mod checkpoint;
+mod combinations;
 mod daveml;
 mod design;
 mod diagnose;
@@ -24,7 +25,6 @@ mod refused_diagnoses;
 mod refused_spectra;
 mod reproduce;
 mod results;
-mod spellings;
 mod study;
 mod suites;
 mod terminal;

@@ -60,11 +60,11 @@ fn a_held_out_run_that_is_one_of_the_others() {
     let desk = desk();
     refused(
         &desk,
-        "model.fdm --data run.csv --holdout run.csv",
+        "model.fdm --data run.csv --validation run.csv",
         &["run.csv is both fitted and validation data", "must not be fitted"],
     );
     fs::copy(desk.path("run.csv"), desk.path("copy.csv")).unwrap();
-    let twice = "model.fdm --data run.csv --data other.csv --holdout copy.csv";
+    let twice = "model.fdm --data run.csv --data other.csv --validation copy.csv";
     refused(&desk, twice, &["`copy` (copy.csv) has the samples of the training run `run`", "prove nothing"]);
     refused(
         &desk,
@@ -123,6 +123,10 @@ fn a_model_that_is_not_linear_in_the_frequency_domain() {
 fn options_of_the_frequency_domain_are_refused_in_time() {
     let desk = desk();
     refused(&desk, "model.fdm --data run.csv --band 0.1:1", &["--band cannot be combined with --domain time"]);
-    refused(&desk, "model.fdm --data run.csv --ends free --own-values", &["--end-points, --own-values"]);
+    refused(
+        &desk,
+        "model.fdm --data run.csv --end-points free --start-values model",
+        &["--end-points, --start-values"],
+    );
     refused(&desk, "model.fdm --data run.csv --domain spectral", &["time", "frequency"]);
 }

@@ -37,37 +37,39 @@ fn even(k: usize) -> f64 {
 fn bands_and_options_that_make_no_sense() {
     let desk = Desk::new();
     let record = record(&desk, "run.csv", even);
-    let held_out = format!("--method fd --holdout {}", record.display());
+    let held_out = format!("--domain frequency --validation {}", record.display());
     for (more, words) in [
-        ("--method fd --band 0.1:5", "lower the upper end"),
-        ("--method fd --band 0.01:1", "less than one period"),
-        ("--method fd --band 0.51:0.54", "use a wider band"),
-        ("--method fd --band nan:1", "both above zero and finite"),
-        ("--method fd --band 0.1:inf", "both above zero and finite"),
-        ("--method fd --band 2:1", "give its lower end first"),
-        ("--method fd --band 0.1:1 --df 0", "give a spacing above zero"),
-        ("--method fd --band 0.1:1 --df nan", "give a spacing above zero"),
-        ("--method fd --band 0.1:1 --df 1e-9", "use a narrower band or a wider spacing"),
-        ("--method fd --band 0.1:1 --df 1e-300", "use a narrower band or a wider spacing"),
-        ("--method fd --df 0.01", "--band"),
-        ("--method fd --band 0.05:0.05", "too few for"),
-        ("--method fd --noise full --map z=y", "say --noise diagonal"),
-        ("--method fd --set tau=100", "begin with a shorter delay"),
-        ("--method fd --shooting 3", "--shooting cannot be combined with --method fd"),
-        ("--method fd --coherence 0.5", "use --method frequency-response"),
+        ("--domain frequency --band 0.1:5", "lower the upper end"),
+        ("--domain frequency --band 0.01:1", "less than one period"),
+        ("--domain frequency --band 0.51:0.54", "use a wider band"),
+        ("--domain frequency --band nan:1", "both above zero and finite"),
+        ("--domain frequency --band 0.1:inf", "both above zero and finite"),
+        ("--domain frequency --band 2:1", "give its lower end first"),
+        ("--domain frequency --band 0.1:1 --df 0", "give a spacing above zero"),
+        ("--domain frequency --band 0.1:1 --df nan", "give a spacing above zero"),
+        ("--domain frequency --band 0.1:1 --df 1e-9", "use a narrower band or a wider spacing"),
+        ("--domain frequency --band 0.1:1 --df 1e-300", "use a narrower band or a wider spacing"),
+        ("--domain frequency --df 0.01", "--band"),
+        ("--domain frequency --band 0.05:0.05", "too few for"),
+        ("--domain frequency --noise full --map z=y", "say --noise diagonal"),
+        ("--domain frequency --set tau=100", "begin with a shorter delay"),
+        ("--domain frequency --shooting 3", "--shooting cannot be combined with --domain frequency"),
+        ("--domain frequency --coherence 0.5", "use --method frequency-response"),
         ("--band 0.1:1", "--band cannot be combined with --domain time"),
-        ("--own-values", "--own-values cannot be combined with --domain time"),
-        ("--method fr --ends free", "--end-points cannot be combined with --method fr"),
-        ("--method fr --noise full", "--noise cannot be combined with --method fr"),
-        ("--method fr --band 0.1:5", "lower the upper end"),
-        ("--method fr --band nan:1", "both above zero and finite"),
-        ("--method fr --band 0.1:1 --df 1e-9", "use a narrower band or a wider spacing"),
-        ("--method fr --segments 1e9", "use shorter segments"),
-        ("--method fr --segments nan", "give lengths above zero"),
-        ("--method fr --coherence 2", "give a number from 0 to below 1"),
-        ("--method fr --coherence nan", "give a number from 0 to below 1"),
-        ("--method fr --pair q/u", "there is no output `q`"),
-        ("--method fr --pair y/w", "there is no input `w`"),
+        (
+            "--method frequency-response --end-points free",
+            "--end-points cannot be combined with --method frequency-response",
+        ),
+        ("--method frequency-response --noise full", "--noise cannot be combined with --method frequency-response"),
+        ("--method frequency-response --band 0.1:5", "lower the upper end"),
+        ("--method frequency-response --band nan:1", "both above zero and finite"),
+        ("--method frequency-response --band 0.1:1 --df 1e-9", "use a narrower band or a wider spacing"),
+        ("--method frequency-response --segments 1e9", "use shorter segments"),
+        ("--method frequency-response --segments nan", "give lengths above zero"),
+        ("--method frequency-response --coherence 2", "give a number from 0 to below 1"),
+        ("--method frequency-response --coherence nan", "give a number from 0 to below 1"),
+        ("--method frequency-response --pair q/u", "there is no output `q`"),
+        ("--method frequency-response --pair y/w", "there is no input `w`"),
         (&held_out, "validation data must not be fitted"),
     ] {
         let (code, said) = fit(&desk, MODEL, &record, more);
@@ -86,17 +88,17 @@ fn records_and_models_that_have_no_spectrum() {
     let silent = "model m { time [s]; input u, still; state x; param a = -1, b = 1, c = 1; der(x) = a*x + b*u + c*still; output y = x; }";
     let alone = "model m { time [s]; state x = 1; param a = -1; der(x) = a*x; output y = x; }";
     for (model, record, method, words) in [
-        (MODEL, &uneven, "fd", "resample the record"),
-        (MODEL, &uneven, "fr", "resample the record"),
-        (forced, &record, "fd --nonlinear linearise", "make it an input that is recorded"),
-        (forced, &record, "fr", "make it an input that is recorded"),
-        (without, &record, "fd", "estimate in the time domain"),
-        (without, &record, "fr", "estimate in the time domain"),
-        (silent, &record, "fd", "choose a band in which it moves"),
-        (silent, &record, "fr", "choose a band in which it moves"),
-        (alone, &record, "fr", "the model has no input"),
+        (MODEL, &uneven, "--domain frequency", "resample the record"),
+        (MODEL, &uneven, "--method frequency-response", "resample the record"),
+        (forced, &record, "--domain frequency --nonlinear linearise", "make it an input that is recorded"),
+        (forced, &record, "--method frequency-response", "make it an input that is recorded"),
+        (without, &record, "--domain frequency", "estimate in the time domain"),
+        (without, &record, "--method frequency-response", "estimate in the time domain"),
+        (silent, &record, "--domain frequency", "choose a band in which it moves"),
+        (silent, &record, "--method frequency-response", "choose a band in which it moves"),
+        (alone, &record, "--method frequency-response", "the model has no input"),
     ] {
-        let (code, said) = fit(&desk, model, record, &format!("--method {method}"));
+        let (code, said) = fit(&desk, model, record, method);
         assert_eq!(code, Some(2), "{method} {model}: {said}");
         assert!(said.contains(words) && !said.contains("panicked"), "{method} {model}: {said}");
     }
@@ -110,8 +112,8 @@ fn unstable_modes_that_no_response_shows() {
     let unshown = "model m { time [s]; input u; state x, w; param a = -1.2, b = 2; der(x) = a*x + b*u; der(w) = 0.8*w + x; output y = x; }";
     let unmoved = "model m { time [s]; input u; state x, w; param a = -1.2, b = 2; der(x) = a*x + b*u + w; der(w) = 0.8*w; output y = x; }";
     for (model, words) in [(unshown, "no output shows it"), (unmoved, "no input moves it")] {
-        for method in ["fd", "fr"] {
-            let (code, said) = fit(&desk, model, &record, &format!("--method {method}"));
+        for method in ["--domain frequency", "--method frequency-response"] {
+            let (code, said) = fit(&desk, model, &record, method);
             assert_eq!(code, Some(1), "{method}: {said}");
             assert!(said.contains(words) && said.contains("0.8000 of w"), "{method}: {said}");
         }
@@ -128,9 +130,9 @@ fn responses_that_cannot_be_computed() {
             "model m {{ time [s]; input u; state x; param a = 1, b = {b}; der(x) = -x + a*exp(b)*u; output y = x; }}"
         )
     };
-    let (code, said) = fit(&desk, &large(800), &record, "--method fd --own-values");
+    let (code, said) = fit(&desk, &large(800), &record, "--domain frequency --start-values model");
     assert!(code == Some(2) && said.contains("the derivative of `x` by `u` is inf"), "{said}");
-    let (code, said) = fit(&desk, &large(400), &record, "--method fd --own-values");
+    let (code, said) = fit(&desk, &large(400), &record, "--domain frequency --start-values model");
     assert_eq!(code, Some(1), "{said}");
     assert!(said.contains("cycles per unit of time: output `y` is not a finite number at the start values"), "{said}");
 }

@@ -40,7 +40,7 @@ fn record(start: f64, bias: f64, phase: f64) -> String {
     rows
 }
 
-const FIT: &str = "fit model.fdm --data one.csv --data two.csv --hold u -q";
+const FIT: &str = "fit model.fdm --data one.csv --data two.csv --zoh u -q";
 
 fn value(result: &Value, name: &str, run: Option<&str>) -> f64 {
     let all = result["parameters"].as_array().unwrap();
@@ -77,9 +77,9 @@ fn simulation_from_a_result_is_the_response_of_the_fit() {
         text.lines().skip(1).map(|l| l.split(',').nth(k).unwrap().parse().unwrap()).collect()
     };
     // the run of that name, with the steps that are chosen again
-    let again = desk.good("simulate --from-result result --data two.csv --hold u");
+    let again = desk.good("simulate --from-result result --data two.csv --zoh u");
     assert_eq!(column(&again, 1), column(&fitted, 3));
-    assert_eq!(desk.good("simulate model.fdm --from-result result --data two.csv --hold u"), again);
+    assert_eq!(desk.good("simulate model.fdm --from-result result --data two.csv --zoh u"), again);
     // the data of the fit, read as the fit read them
     assert_eq!(desk.good("simulate --from-result result --like two"), again);
     let all = desk.json("simulate --from-result result --json");
@@ -87,9 +87,9 @@ fn simulation_from_a_result_is_the_response_of_the_fit() {
     // a new run has no parameters of its own
     let refusal = desk.refused("simulate --from-result result --data three.csv");
     assert!(refusal.contains("runs `one`, `two`") && refusal.contains("--like RUN"), "{refusal}");
-    let other = desk.good("simulate --from-result result --data three.csv --hold u --like two");
+    let other = desk.good("simulate --from-result result --data three.csv --zoh u --like two");
     assert_eq!(column(&other, 1)[0], column(&again, 1)[0], "initial state and bias of run two");
-    let set = desk.good("simulate --from-result result --data two.csv --hold u --set bias=100");
+    let set = desk.good("simulate --from-result result --data two.csv --zoh u --set bias=100");
     assert!(column(&set, 1)[0] > 90.0);
     assert!(desk.refused("simulate --from-result result --like four").contains("no run `four`"));
     desk.write("one.csv", record(2.0, 0.0, 0.0));
@@ -100,8 +100,8 @@ fn simulation_from_a_result_is_the_response_of_the_fit() {
 #[test]
 fn one_fitted_run_lends_its_own_parameters_to_any() {
     let desk = desk();
-    desk.good("fit model.fdm --data one.csv --hold u -q --out single");
-    let response = desk.good("simulate --from-result single --data three.csv --hold u");
+    desk.good("fit model.fdm --data one.csv --zoh u -q --out single");
+    let response = desk.good("simulate --from-result single --data three.csv --zoh u");
     let first: f64 = response.lines().nth(1).unwrap().split(',').nth(1).unwrap().parse().unwrap();
     assert!((first - 1.3).abs() < 0.05, "{first} is x(0) + bias of run one");
 }
@@ -124,14 +124,14 @@ fn initial_values_come_from_the_first_samples_alone() {
         text.lines().skip(1).map(|l| l.split(',').map(|cell| cell.parse().unwrap()).collect()).collect()
     };
     let simulated = |file: &str| {
-        desk.good(&format!("simulate --from-result result --like two --data {file} --hold u --initial-from 1"))
+        desk.good(&format!("simulate --from-result result --like two --data {file} --zoh u --initial-from 1"))
     };
     let response = simulated("three.csv");
     for (row, cells) in numbers(&response).iter().zip(numbers(&three)) {
         assert!((row[1] - cells[2]).abs() < 0.04 && (row[2] - cells[3]).abs() < 0.04, "{row:?} {cells:?}");
     }
     // run two begins elsewhere
-    let like = desk.good("simulate --from-result result --like two --data three.csv --hold u");
+    let like = desk.good("simulate --from-result result --like two --data three.csv --zoh u");
     assert!((numbers(&like)[0][1] - numbers(&three)[0][2]).abs() > 0.5);
     // nothing behind the beginning counts
     let far = |cell: &str| cell.parse::<f64>().unwrap() + 9.0;
@@ -146,7 +146,7 @@ fn initial_values_come_from_the_first_samples_alone() {
         assert!((row[1] - cells[2]).abs() < 0.1 && (row[2] - cells[3]).abs() < 0.1, "{row:?} {cells:?}");
     }
     let validated = |file: &str| {
-        desk.json(&format!("validate --from-result result --data {file} --hold u --initial-from 1 --json -q"))
+        desk.json(&format!("validate --from-result result --data {file} --zoh u --initial-from 1 --json -q"))
     };
     let (whole, late) = (validated("three.csv"), validated("late.csv"));
     for (name, truth) in [("x(0)", 0.2), ("bias", 0.1)] {
@@ -162,7 +162,7 @@ fn initial_values_come_from_the_first_samples_alone() {
         if t > 1.5 || time == "t [s]" { [time, u, y, v].join(",") } else { format!("{time},{u},,") }
     });
     for (command, data) in [("simulate", "--like two --data"), ("validate", "-q --data")] {
-        let refused = |rest: &str| desk.refused(&format!("{command} --from-result result --hold u {data} {rest}"));
+        let refused = |rest: &str| desk.refused(&format!("{command} --from-result result --zoh u {data} {rest}"));
         let short = refused("three.csv --initial-from 0.02");
         assert!(short.contains("has 1 sample in its first 0.02") && short.contains("--initial-from"), "{short}");
         let blank = refused("blank.csv --initial-from 1");
@@ -176,8 +176,7 @@ fn initial_values_come_from_the_first_samples_alone() {
 fn validation_holds_what_is_shared_and_finds_the_rest() {
     let desk = desk();
     let fit = desk.json(&format!("{FIT} --json --out result"));
-    let validated =
-        desk.json("validate model.fdm --from-result result --data three.csv --hold u --json -q --out valid");
+    let validated = desk.json("validate model.fdm --from-result result --data three.csv --zoh u --json -q --out valid");
     for shared in ["k", "g"] {
         let (then, now) = (value(&fit, shared, None), value(&validated, shared, None));
         assert_eq!(then.to_bits(), now.to_bits(), "{shared} is held");
@@ -190,7 +189,7 @@ fn validation_holds_what_is_shared_and_finds_the_rest() {
     assert!(outputs.iter().all(|o| o["r2"].as_f64().unwrap() > 0.99));
     assert_eq!(validated["validation"]["fitted_outputs"].as_array().unwrap().len(), 4);
     assert!(desk.path("valid/result.txt").exists());
-    let text = desk.good("validate --from-result result --data three.csv --hold u -q --plot valid.svg");
+    let text = desk.good("validate --from-result result --data three.csv --zoh u -q --plot valid.svg");
     let rows: Vec<&str> = text.lines().map(str::trim).collect();
     assert_eq!(rows.iter().filter(|r| r.starts_with("validated  three")).count(), 2, "{text}");
     assert_eq!(rows.iter().filter(|r| r.starts_with("fitted")).count(), 4, "{text}");
@@ -208,9 +207,9 @@ fn validation_holds_what_is_shared_and_finds_the_rest() {
     let kept: Vec<&str> =
         three.lines().enumerate().filter(|(k, _)| *k < 3 || k % 3 > 0).map(|(_, line)| line).collect();
     desk.write("gaps.csv", kept.join("\n") + "\n");
-    let output = desk.fdm("validate --from-result result --data gaps.csv --hold u -q");
+    let output = desk.fdm("validate --from-result result --data gaps.csv --zoh u -q");
     assert!(said(&output).contains("run `gaps` is not sampled evenly"), "{}", said(&output));
-    let output = desk.fdm("validate --from-result result --data two.csv --hold u -q");
+    let output = desk.fdm("validate --from-result result --data two.csv --zoh u -q");
     assert!(said(&output).contains("run `two` was part of the fit"), "{}", said(&output));
 }
 
@@ -218,7 +217,7 @@ fn validation_holds_what_is_shared_and_finds_the_rest() {
 fn results_of_another_model_say_what_differs() {
     let desk = desk();
     desk.good(&format!("{FIT} --out result"));
-    let use_both = |model: &str| format!("{model} --from-result result --data three.csv --hold u");
+    let use_both = |model: &str| format!("{model} --from-result result --data three.csv --zoh u");
     // comments and start values are no difference
     desk.write("same.fdm", MODEL.replace("k = 1", "/* rate */ k = 7"));
     desk.good(&format!("simulate {} --like one", use_both("same.fdm")));
@@ -251,7 +250,7 @@ fn folders_that_are_not_results_are_refused_and_left_alone() {
     let refusal = desk.refused(&format!("{FIT} --out result"));
     assert!(refusal.contains("`run_1_one.csv` changed since fdm wrote it"), "{refusal}");
     desk.good(&format!("{FIT} --out result --force"));
-    desk.good("validate --from-result result --data three.csv --hold u -q");
+    desk.good("validate --from-result result --data three.csv --zoh u -q");
 }
 
 /// Nobody can write there, not even the superuser.
@@ -289,7 +288,7 @@ fn the_better_model_wins_where_it_was_fitted_and_where_it_was_not() {
     desk.write("blind.fdm", blind);
     desk.good(&format!("{FIT} --out good"));
     desk.good(&format!("{} --out poor", FIT.replace("model.fdm", "blind.fdm")));
-    let found = desk.json("compare poor good --data three.csv --hold u --json -q");
+    let found = desk.json("compare poor good --data three.csv --zoh u --json -q");
     let [poor, good] = [0, 1].map(|k| found["candidates"][k].clone());
     assert_eq!(good["criteria"]["aic"], 0.0);
     let gained = 2.0 * (poor["cost"].as_f64().unwrap() - good["cost"].as_f64().unwrap());
@@ -297,15 +296,15 @@ fn the_better_model_wins_where_it_was_fitted_and_where_it_was_not() {
     assert_eq!(found["nestings"][0]["richer"], "good");
     assert!(found["nestings"][0]["p_value"].as_f64().unwrap() < 1e-3);
     // what validation says of the held-out run
-    let validated = desk.json("validate --from-result good --data three.csv --hold u --json -q");
+    let validated = desk.json("validate --from-result good --data three.csv --zoh u --json -q");
     assert_eq!(found["predictions"][1]["outputs"][0]["rms"], validated["validation"]["outputs"][0]["rms"]);
     for edge in found["edges"].as_array().unwrap() {
         assert_eq!(edge["best"], "good");
         assert!(edge["advantage"]["reduction"].as_f64().unwrap() > 0.9, "{edge}");
     }
-    let text = desk.good("compare poor good --data three.csv --hold u");
+    let text = desk.good("compare poor good --data three.csv --zoh u");
     assert!(text.contains("good predicts better"), "{text}");
-    let seen = desk.fdm("compare poor good --data one.csv --hold u -q");
+    let seen = desk.fdm("compare poor good --data one.csv --zoh u -q");
     assert!(said(&seen).contains("good: run `one` was part of the fit: it is no validation data"), "{}", said(&seen));
     let other = desk.good("compare good poor/../good");
     assert!(other.contains("good#2"), "{other}");

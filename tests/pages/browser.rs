@@ -93,10 +93,7 @@ fn hostile(samples: u32) -> Desk {
     desk.write("model.fdm", MODEL);
     let name = "<script>hacked()\n\"'&lt;.csv";
     desk.write(name, record(samples));
-    fdm(
-        &desk,
-        &["fit", "model.fdm", "--data", name, "--hold", "u", "-q", "--report", "report.html", "--out", "result"],
-    );
+    fdm(&desk, &["fit", "model.fdm", "--data", name, "--zoh", "u", "-q", "--report", "report.html", "--out", "result"]);
     desk
 }
 
@@ -289,7 +286,7 @@ fn long_equations_stay_in_their_box() {
     );
     desk.write("model.fdm", model);
     desk.write("run.csv", record(200));
-    fdm(&desk, &["fit", "model.fdm", "--data", "run.csv", "--hold", "u", "-q", "--report", "report.html"]);
+    fdm(&desk, &["fit", "model.fdm", "--data", "run.csv", "--zoh", "u", "-q", "--report", "report.html"]);
     let (found, console) = look(&desk, (390, 844), WIDE);
     assert_eq!(console, "");
     assert!(found["width"].as_u64().unwrap() <= 390 && found["wide"] == json!([]), "{found}");
@@ -306,7 +303,7 @@ fn a_study_with_its_figures_fits_on_a_phone_and_tells_names() {
     desk.write("run.csv", record(200));
     fdm(
         &desk,
-        &["study", "model.fdm", "--data", "run.csv", "--hold", "u", "--repeats", "50", "-q", "--report", "report.html"],
+        &["study", "model.fdm", "--data", "run.csv", "--zoh", "u", "--repeats", "50", "-q", "--report", "report.html"],
     );
     let (found, console) = look(&desk, (390, 844), WIDE);
     assert_eq!(console, "");

@@ -20,7 +20,7 @@ const MODEL: &str = "model decay \"first order with an offset\" {
 /// A folder with a model, two runs and a result.
 fn desk() -> Desk {
     let desk = Desk::with([("model.fdm", MODEL.to_string()), ("one.csv", record(0.7)), ("two.csv", record(-0.4))]);
-    desk.good("fit model.fdm --data one.csv --hold u -q --out result --report page.html");
+    desk.good("fit model.fdm --data one.csv --zoh u -q --out result --report page.html");
     desk
 }
 
@@ -53,7 +53,7 @@ fn memory_and_folder_give_the_same_page() {
     assert_eq!(page.matches("http://").count(), page.matches("http://www.w3.org/").count());
     assert!(!page.contains("https://"));
     // a page in the folder does not make it another result, nor does it stand in the way of the next
-    desk.good("fit model.fdm --data one.csv --hold u -q --out result");
+    desk.good("fit model.fdm --data one.csv --zoh u -q --out result");
     desk.write("result/model.fdm", "model other { output y = 1; }");
     assert!(
         desk.refused("report result")
@@ -79,7 +79,7 @@ fn what_the_page_tells_the_result_has_for_programs_too() {
 #[test]
 fn validations_have_pages_and_say_so() {
     let desk = desk();
-    desk.good("validate --from-result result --data two.csv --hold u -q --report valid.html");
+    desk.good("validate --from-result result --data two.csv --zoh u -q --report valid.html");
     let page = desk.text("valid.html");
     assert!(page.contains("decay: validation") && page.contains("The validation converged") && page.contains("two"));
 }
@@ -140,7 +140,7 @@ fn pixels_are_as_many_as_asked_and_the_same_every_time() {
 #[test]
 fn a_study_has_a_page_and_figures() {
     let desk = desk();
-    desk.good("study model.fdm --data one.csv --hold u --repeats 60 -q --out kept --report study.html");
+    desk.good("study model.fdm --data one.csv --zoh u --repeats 60 -q --out kept --report study.html");
     let page = desk.text("study.html");
     assert!(page == desk.good("report kept -o -"));
     let expected = [
@@ -187,7 +187,7 @@ fn regressions_have_a_folder_and_a_page() {
     let desk = desk();
     let text = MODEL.replace("  param bias = 0 per run;\n", "").replace("x + bias", "x");
     desk.write("plain.fdm", text);
-    desk.good("regress plain.fdm --data one.csv --hold u -q --dependence --out kept --report rates.html");
+    desk.good("regress plain.fdm --data one.csv --zoh u -q --dependence --out kept --report rates.html");
     let page = desk.text("rates.html");
     assert!(page == desk.good("report kept -o -"));
     for words in [
@@ -202,21 +202,21 @@ fn regressions_have_a_folder_and_a_page() {
     }
     assert!(desk.good("plot kept").contains("components-1 "));
     // its parameters simulate, and its modes claim no errors that nobody computed
-    assert!(desk.good("simulate --from-result kept --data one.csv --hold u").starts_with("t"));
+    assert!(desk.good("simulate --from-result kept --data one.csv --zoh u").starts_with("t"));
     let result: Value = serde_json::from_str(&desk.text("kept/result.json")).unwrap();
     let k =
         result["parameters"].as_array().unwrap().iter().find(|p| p["name"] == "k").unwrap()["value"].as_f64().unwrap();
     let mode = &result["modes"]["modes"][0];
     assert!((mode["re"].as_f64().unwrap() + k).abs() < 1e-12 && mode["standard_errors"].is_null(), "{mode}");
     assert!(!desk.good("modes --from-result kept").contains("standard error"));
-    let said = desk.refused("regress plain.fdm --data one.csv --hold u -q --method rls --out other");
+    let said = desk.refused("regress plain.fdm --data one.csv --zoh u -q --recursive --out other");
     assert!(said.contains("--out"), "{said}");
 }
 
 #[test]
 fn many_starts_have_a_waterfall() {
     let desk = desk();
-    desk.good("fit model.fdm --data one.csv --hold u --starts 6 -q --out many");
+    desk.good("fit model.fdm --data one.csv --zoh u --starts 6 -q --out many");
     let list = desk.good("plot many");
     assert!(list.lines().any(|l| l.starts_with("starts-1 ")), "{list}");
     let page = desk.good("report many -o -");
@@ -292,7 +292,7 @@ fn the_server_shows_the_page_to_this_machine_only() {
     let state = asked("/state", &address);
     let (watch, foreign, nothing) =
         (asked("/", &address), asked("/page", "elsewhere.example"), asked("/../model.fdm", &address));
-    desk.good("fit model.fdm --data two.csv --hold u -q --out result");
+    desk.good("fit model.fdm --data two.csv --zoh u -q --out result");
     let later = asked("/state", &address);
     server.kill().unwrap();
     server.wait().unwrap();
