@@ -58,7 +58,7 @@ fn diagnosed_by(name: &str, model: &Model, (runs, held): (&[Run], &[Run]), optio
             output.output,
             output.rms_before.unwrap_or(f64::NAN),
             output.rms_after.unwrap_or(f64::NAN),
-            output.noise_floor,
+            output.noise_level,
             if output.validation { " (held out)" } else { "" }
         );
     }
@@ -68,8 +68,8 @@ fn diagnosed_by(name: &str, model: &Model, (runs, held): (&[Run], &[Run]), optio
             biased.name, biased.before, biased.after, biased.moved
         );
     }
-    if let Some(following) = &found.feedback {
-        println!("  {:?} follow the states; hidden: {} effects", following.inputs, following.hidden.len());
+    if let Some(feedback) = &found.feedback {
+        println!("  {:?} follow the states; hidden: {} effects", feedback.inputs, feedback.hidden.len());
     }
     for said in found.attribution.iter().flat_map(|a| &a.warnings) {
         println!("  still: {said}");
@@ -181,6 +181,6 @@ fn hover_under_four_loops() {
     assert!((lag.value - 0.12).abs() < 4.0 * lag.standard_error.unwrap(), "{lag:?}");
     let damping = found.biased.iter().find(|b| b.name == "Mq").unwrap();
     assert!((damping.before + 0.5).abs() > 0.4 && (damping.after + 0.5002).abs() < 0.01, "{damping:?}");
-    let following = found.feedback.unwrap();
-    assert!(following.inputs.iter().any(|i| i.input == "longitudinal") && !following.hidden.is_empty());
+    let feedback = found.feedback.unwrap();
+    assert!(feedback.inputs.iter().any(|i| i.input == "longitudinal") && !feedback.hidden.is_empty());
 }

@@ -55,7 +55,7 @@ class Answer:
 
 
 class Diagnosis(Answer):
-    """What a model gets wrong. Keys of ``fdm diagnose --json`` are attributes: `causes`, `misfit`, `verdict`, `outputs` ..."""
+    """What a model gets wrong. Keys of ``fdm diagnose --json`` are attributes: `causes`, `lack_of_fit`, `verdict`, `outputs` ..."""
 
     model: Model
     extended: Model | None
@@ -72,7 +72,7 @@ class Diagnosis(Answer):
 
     @property
     def causes(self) -> list[Document]:
-        """Accepted effects: ``effect``, ``targets``, ``parameters``, ``gain_train``, ``gain_holdout``, ``p``."""
+        """Accepted effects: ``effect``, ``targets``, ``parameters``, ``gain_training``, ``gain_validation``, ``p``."""
         return self.document.causes
 
     def plot(self, *, axes: Any = None) -> Any:

@@ -88,7 +88,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         of: folder.folder().display().to_string(),
         outputs: fit.quality.clone(),
         fitted_outputs: folder.quality().to_vec(),
-        misfit: errors.clone(),
+        lack_of_fit: errors.clone(),
         bands: covered.clone(),
     };
     let document = FitDocument { validation: Some(validation), ..FitDocument::of(&fit) };

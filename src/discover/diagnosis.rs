@@ -57,10 +57,8 @@ pub struct Alternative {
     #[serde(flatten)]
     pub place: EffectAt,
     /// Gain in log-likelihood on the runs that were fitted.
-    #[serde(rename = "gain_train")]
     pub gain_training: f64,
     /// Gain on the runs that were for validation.
-    #[serde(rename = "gain_holdout")]
     pub gain_validation: Option<f64>,
     /// Gains less the penalty of its parameters.
     pub score: f64,
@@ -79,10 +77,8 @@ pub struct Cause {
     /// Its parameters.
     pub parameters: Vec<NewValue>,
     /// Gain in log-likelihood on the runs that were fitted, by the noise of the better model.
-    #[serde(rename = "gain_train")]
     pub gain_training: f64,
     /// Gain on the runs that were for validation, where only what belongs to a run is estimated; none without such runs.
-    #[serde(rename = "gain_holdout")]
     pub gain_validation: Option<f64>,
     /// What screening had predicted.
     pub gain_predicted: f64,
@@ -136,10 +132,8 @@ pub struct CoefficientTable {
     /// Effective number of parameters of the table.
     pub effective_parameters: f64,
     /// Gain in log-likelihood on the runs that were fitted, beside the same model with a constant.
-    #[serde(rename = "gain_train")]
     pub gain_training: f64,
     /// Gain on the runs that were for validation; none without such runs.
-    #[serde(rename = "gain_holdout")]
     pub gain_validation: Option<f64>,
     /// The chance that noise alone makes any coefficient look as bent over any signal as this one.
     pub p: f64,
@@ -167,13 +161,10 @@ pub struct Rejected {
     #[serde(flatten)]
     pub place: EffectAt,
     /// The search, from 1, in which that was.
-    #[serde(rename = "round")]
     pub step: usize,
     /// Gain in log-likelihood on the runs that were fitted.
-    #[serde(rename = "gain_train")]
     pub gain_training: f64,
     /// Gain on the runs that were for validation.
-    #[serde(rename = "gain_holdout")]
     pub gain_validation: Option<f64>,
     /// Why.
     pub reason: String,
@@ -261,7 +252,6 @@ pub struct OutputGain {
     /// The run.
     pub run: String,
     /// Whether it took part in the fit.
-    #[serde(rename = "held_out")]
     pub validation: bool,
     /// The output.
     pub output: String,
@@ -272,7 +262,7 @@ pub struct OutputGain {
     /// And with them.
     pub rms_after: Option<f64>,
     /// What noise leaves, by the spectrum that was found.
-    pub noise_floor: f64,
+    pub noise_level: f64,
     /// Theil's inequality coefficient, before.
     pub tic_before: Option<f64>,
     /// And after.
@@ -307,7 +297,6 @@ pub struct RunGain {
     /// The run.
     pub run: String,
     /// Whether it took part in the fit.
-    #[serde(rename = "held_out")]
     pub validation: bool,
     /// Gain in log-likelihood.
     pub gain: f64,

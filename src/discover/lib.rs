@@ -25,8 +25,8 @@ pub use diagnosis::{
     SelectionStep, Verdict,
 };
 pub use disturbance::{
-    Attribution, Curve, CurvePoint, Law, Localisation, Ordinate, Origin, Place, PlaceEvidence, PlaceKind, Site,
-    Suggestion, Suggestions,
+    Attribution, Curve, CurvePoint, Localisation, NonlinearityCurve, Ordinate, Origin, Place, PlaceEvidence, PlaceKind,
+    Site, Suggestion, Suggestions,
 };
 pub use lack_of_fit::{AmplitudeBin, Band, Gain, LackOfFit, RunResidual, Window, lack_of_fit};
 pub use selection::{DiagnosisError, DiagnosisOptions, Domain, Progress, diagnose, diagnose_while};

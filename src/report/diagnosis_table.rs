@@ -28,7 +28,7 @@ pub fn diagnosis_text(d: &Diagnosis) -> String {
     if d.causes.is_empty() {
         text.push_str(&detectable(d));
     }
-    text.push_str(&following(d));
+    text.push_str(&feedback(d));
     let _ = writeln!(text, "\nThe search ended: {}.", d.ended);
     d.notes.iter().for_each(|note| _ = writeln!(text, "{note}"));
     if let Some(spectral) = &d.spectral {
@@ -90,7 +90,7 @@ fn wrong(d: &Diagnosis) -> String {
             let _ = writeln!(text, "  {sentence}");
         }
     }
-    for site in d.attribution.iter().flat_map(|a| &a.sites).take(3) {
+    for site in d.attribution.iter().flat_map(|a| &a.places).take(3) {
         let _ = writeln!(text, "something unknown at {}: the odds are e^{:.0} to 1", site.place, site.evidence);
     }
     for s in d.suggestions.iter().flat_map(|s| &s.list).take(3) {
@@ -207,7 +207,7 @@ fn matches(d: &Diagnosis) -> String {
             o.output.clone(),
             number(o.rms_before),
             number(o.rms_after),
-            digits(o.noise_floor, 3),
+            digits(o.noise_level, 3),
             fixed(o.tic_before),
             fixed(o.tic_after),
             fixed(o.r2_before),
@@ -247,10 +247,10 @@ fn moved(d: &Diagnosis) -> String {
 }
 
 /// Inputs that move with the states, and what that hides.
-fn following(d: &Diagnosis) -> String {
-    let Some(following) = &d.feedback else { return String::new() };
+fn feedback(d: &Diagnosis) -> String {
+    let Some(feedback) = &d.feedback else { return String::new() };
     let mut text = String::from("\n");
-    for input in &following.inputs {
+    for input in &feedback.inputs {
         let own = 100.0 * (1.0 - input.explained);
         let _ = match input.feedback {
             true => writeln!(
@@ -261,12 +261,12 @@ fn following(d: &Diagnosis) -> String {
             false => writeln!(text, "{} moves with the states: {own:.0} % of it is its own", input.input),
         };
     }
-    if following.hidden.is_empty() {
+    if feedback.hidden.is_empty() {
         let _ = writeln!(text, "nothing that was tried is hidden by that");
         return text;
     }
-    let hidden: Vec<String> = following.hidden.iter().take(SHOWN).map(ToString::to_string).collect();
-    let more = following.hidden.len() - hidden.len();
+    let hidden: Vec<String> = feedback.hidden.iter().take(SHOWN).map(ToString::to_string).collect();
+    let more = feedback.hidden.len() - hidden.len();
     let more = if more > 0 { format!(" and {more} more (--json)") } else { String::new() };
     let _ = writeln!(
         text,

@@ -59,9 +59,9 @@ struct Row<'a> {
 }
 
 /// The root mean square of the error in each fifth of each run: whether a prediction runs away, and when.
-pub fn validation_by_time(misfits: &[LackOfFit], time: &str) -> String {
+pub fn validation_by_time(lack_of_fit: &[LackOfFit], time: &str) -> String {
     let mut table = plain(&["RMS of residual", "run", "fifth 1", "2", "3", "4", "5", &format!("ends at [{time}]")]);
-    for m in misfits {
+    for m in lack_of_fit {
         for own in m.windows.chunk_by(|a, b| a.run == b.run) {
             let fifth = |windows: &[Window]| {
                 let (share, samples) = windows.iter().fold((0.0, 0.0), |(e, n), w| (e + w.share, n + w.samples));
@@ -79,11 +79,11 @@ pub fn validation_by_time(misfits: &[LackOfFit], time: &str) -> String {
 
 /// The error by frequency, in octaves: its size, that of noise as strong as in the upper frequencies, and how much of the record is
 /// explained there.
-pub fn validation_by_frequency(misfits: &[LackOfFit], time: &str) -> String {
+pub fn validation_by_frequency(lack_of_fit: &[LackOfFit], time: &str) -> String {
     let per = if time == "s" { "Hz".to_string() } else { format!("1/{time}") };
     let heads = ["output", &format!("from [{per}]"), "to", "RMS of residual", "noise alone", "of the record explained"];
     let mut table = plain(&heads);
-    for m in misfits {
+    for m in lack_of_fit {
         for band in &m.bands {
             let part = |share: f64| digits(m.rms * share.sqrt(), 3);
             let explained = band.explained.map_or("-".into(), explained);

@@ -25,7 +25,7 @@ pub(crate) struct Answer {
     /// Kinds (`input`, `equation`) and names of places where an unknown force enters, the likeliest first.
     pub(crate) sites: Vec<(String, String)>,
     /// It said that what it named does not explain everything.
-    pub(crate) leftover: bool,
+    pub(crate) unexplained: bool,
 }
 
 const VERDICTS: [&str; 4] = ["effect_found", "disturbance", "unknown_cause", "no_effect_found"];
@@ -42,10 +42,10 @@ impl Answer {
             json["family_wise_p"].as_f64().filter(|p| (0.0..=1.0).contains(p)).ok_or("no family_wise_p in [0, 1]")?;
         let causes = json["causes"].as_array().ok_or("no causes")?;
         let causes = causes.iter().map(Named::read).collect::<Result<_, _>>()?;
-        for key in ["misfit", "detectable"] {
+        for key in ["lack_of_fit", "detectable"] {
             json[key].as_array().ok_or(format!("no {key}"))?;
         }
-        let sites = json["sites"].as_array().map_or(Vec::new(), |list| list.iter().filter_map(site).collect());
+        let sites = json["places"].as_array().map_or(Vec::new(), |list| list.iter().filter_map(site).collect());
         let said = |key: &str| match &json[key] {
             Value::Array(list) => !list.is_empty(),
             Value::Bool(said) => *said,
@@ -53,8 +53,8 @@ impl Answer {
             Value::Object(_) => true,
             _ => false,
         };
-        let leftover = said("leftover");
-        Ok(Self { verdict, p, causes, sites, leftover })
+        let unexplained = said("residual_analysis");
+        Ok(Self { verdict, p, causes, sites, unexplained })
     }
 }
 
@@ -145,13 +145,13 @@ mod tests {
     #[test]
     fn the_contract_is_read_and_what_breaks_it_refused() {
         let text = r#"{"verdict": "effect_found", "family_wise_p": 0.001, "causes": [{"effect": "input_delay", "targets": ["de"],
-            "parameters": [{"name": "tau_de", "value": 0.2}], "gain_train": 20.0, "gain_holdout": 9.0, "p": 0.001,
+            "parameters": [{"name": "tau_de", "value": 0.2}], "gain_training": 20.0, "gain_validation": 9.0, "p": 0.001,
             "group": [{"effect": "input_delay", "targets": ["de"]}, {"effect": "actuator_lag", "targets": ["de"]}],
-            "separating_experiment": null}], "misfit": [], "detectable": [], "extended_model": null}"#;
+            "separating_experiment": null}], "lack_of_fit": [], "detectable": [], "extended_model": null}"#;
         let answer = Answer::read(text).unwrap();
         assert_eq!(answer.causes[0].place.to_string(), "input_delay(de)");
         assert_eq!((answer.causes[0].group.len(), answer.causes[0].parameters[0].1), (2, 0.2));
-        for (from, to) in [("effect_found", "perhaps"), ("0.001, \"causes\"", "2, \"causes\""), ("\"misfit\"", "\"x\"")]
+        for (from, to) in [("effect_found", "perhaps"), ("0.001, \"causes\"", "2, \"causes\""), ("\"lack_of_fit\"", "\"x\"")]
         {
             assert!(Answer::read(&text.replacen(from, to, 1)).is_err(), "{to}");
         }

@@ -26,7 +26,7 @@ pub(crate) struct Truth {
     pub(crate) numbers: Vec<(String, f64)>,
     /// Gain of the true structure on the runs that are fitted, and on the one that is not.
     pub(crate) gain: f64,
-    pub(crate) gain_holdout: f64,
+    pub(crate) gain_validation: f64,
     /// What each effect adds to the others.
     pub(crate) parts: Vec<f64>,
     /// Effects of the catalogue that come as near to the truth as these nats, over all manoeuvres without noise.
@@ -138,7 +138,7 @@ impl Case {
             "sites": t.sites.iter().map(|(part, name)| json!([format!("{part:?}").to_lowercase(), name])).collect::<Vec<_>>(),
             "numbers": t.numbers.iter().map(|(n, v)| json!([n, v])).collect::<Vec<_>>(),
             "gain": t.gain,
-            "gain_holdout": t.gain_holdout,
+            "gain_validation": t.gain_validation,
             "parts": t.parts,
             "rivals": t.rivals.iter().map(|(p, d)| json!([p.to_string(), d])).collect::<Vec<_>>(),
             "text": t.text,
@@ -203,7 +203,7 @@ impl Ground {
             text: self.base.source().text().into(),
             numbers: Vec::new(),
             gain: 0.0,
-            gain_holdout: 0.0,
+            gain_validation: 0.0,
             parts: Vec::new(),
             rivals: Vec::new(),
         };
@@ -312,7 +312,7 @@ impl Ground {
                 return None;
             }
             let before = oracle.cost(&self.base, held, &base.theta);
-            let gain_holdout = 0.5 * (before - oracle.cost(&whole.model, held, &best.theta));
+            let gain_validation = 0.5 * (before - oracle.cost(&whole.model, held, &best.theta));
             let clean = drives.clean(&whole.model, &theta)?;
             let rivals = crate::twins::rivals(&self.base, &self.known, &oracle, whole, &clean, &base.theta);
             if self.spec.hides == Hides::Outside && !rivals.is_empty() {
@@ -325,7 +325,7 @@ impl Ground {
                 text: whole.model.source().text().into(),
                 numbers: whole.own(&theta, &self.base),
                 gain,
-                gain_holdout,
+                gain_validation,
                 parts,
                 rivals,
             };
@@ -394,7 +394,7 @@ impl Ground {
             text,
             numbers: vec![("size".into(), size), ("memory".into(), memory), ("ratio".into(), ratio)],
             gain: 0.0,
-            gain_holdout: 0.0,
+            gain_validation: 0.0,
             parts: Vec::new(),
             rivals: Vec::new(),
         };

@@ -61,7 +61,7 @@ fn cases() {
             names.join(", "),
             t.numbers,
             t.gain,
-            t.gain_holdout,
+            t.gain_validation,
             t.parts,
             begun.elapsed().as_secs_f64()
         );

@@ -25,7 +25,7 @@ pub(crate) struct Outcome {
     pub(crate) gain: f64,
     /// The same on the held-out run.
     #[serde(default)]
-    pub(crate) gain_holdout: f64,
+    pub(crate) gain_validation: f64,
     /// What the nearest other effect of the catalogue lacks over all runs, in nats; 6 or more where it is none.
     pub(crate) lead: f64,
     /// Why there is no answer.
@@ -49,7 +49,7 @@ pub(crate) struct Outcome {
     /// The part of the first cause is that of the truth.
     pub(crate) same_part: bool,
     /// Gain of what was named on the held-out run over that of the true structure, both fitted in the true metric.
-    pub(crate) holdout_ratio: Option<f64>,
+    pub(crate) validation_ratio: Option<f64>,
     pub(crate) seconds: f64,
 }
 
@@ -60,7 +60,7 @@ impl Outcome {
 
     /// Whether what was named explains the held-out run as well as the truth does, up to three nats: then nothing is left to warn of.
     pub(crate) fn explained(&self) -> bool {
-        self.holdout_ratio.is_some_and(|ratio| (1.0 - ratio) * self.gain_holdout < 3.0)
+        self.validation_ratio.is_some_and(|ratio| (1.0 - ratio) * self.gain_validation < 3.0)
     }
 
     /// Whether the line is that of a case with one effect of the catalogue.
@@ -81,7 +81,7 @@ pub(crate) fn score(case: &Case, answer: &Result<Answer, String>, seconds: f64) 
         truth: truth.places.iter().map(Place::to_string).collect(),
         part: truth.sites.first().map_or("", |s| part_name(s.0)).into(),
         gain: truth.gain,
-        gain_holdout: truth.gain_holdout,
+        gain_validation: truth.gain_validation,
         lead: truth.rivals.iter().map(|r| r.1).filter(|lead| *lead >= SAME).fold(NEAR, f64::min),
         failure: None,
         verdict: String::new(),
@@ -95,7 +95,7 @@ pub(crate) fn score(case: &Case, answer: &Result<Answer, String>, seconds: f64) 
         place_in_two: false,
         warned: false,
         same_part: false,
-        holdout_ratio: Some(0.0),
+        validation_ratio: Some(0.0),
         seconds,
     };
     let answer = match answer {
@@ -109,7 +109,7 @@ pub(crate) fn score(case: &Case, answer: &Result<Answer, String>, seconds: f64) 
     outcome.p = answer.p;
     outcome.named = answer.causes.iter().map(|c| c.place.to_string()).collect();
     outcome.group = answer.causes.first().map_or(0, |c| told_apart(case, &c.group));
-    outcome.warned = answer.verdict == "unknown_cause" || answer.leftover;
+    outcome.warned = answer.verdict == "unknown_cause" || answer.unexplained;
     let found = answer.verdict == "effect_found";
     if !truth.places.is_empty() && spec.hides != Hides::Gust && spec.hides != Hides::Outside {
         outcome.top = found && named(case, &answer.causes, |c| vec![c.place.clone()]);
@@ -122,8 +122,8 @@ pub(crate) fn score(case: &Case, answer: &Result<Answer, String>, seconds: f64) 
     outcome.place_in_two = told.iter().take(2).any(right);
     let part = answer.causes.first().and_then(|c| sites(&c.place, &case.base).first().map(|s| s.0));
     outcome.same_part = part.is_some_and(|p| truth.sites.iter().any(|s| s.0 == p));
-    outcome.holdout_ratio = (truth.gain_holdout > 3.0)
-        .then(|| held_out_gain(case, if found { &answer.causes } else { &[] }).unwrap_or(0.0) / truth.gain_holdout);
+    outcome.validation_ratio = (truth.gain_validation > 3.0)
+        .then(|| held_out_gain(case, if found { &answer.causes } else { &[] }).unwrap_or(0.0) / truth.gain_validation);
     outcome
 }
 

@@ -106,7 +106,7 @@ fn effects(title: &str, lines: &[&Outcome], key: impl Fn(&Outcome) -> String) {
         let found: Vec<&Outcome> = weak.iter().copied().filter(|o| o.detected()).collect();
         let sizes: Vec<f64> = strong.iter().filter(|o| o.group > 0).map(|o| o.group as f64).collect();
         let size = if sizes.is_empty() { f64::NAN } else { sizes.iter().sum::<f64>() / sizes.len() as f64 };
-        let mut held: Vec<f64> = strong.iter().filter_map(|o| o.holdout_ratio).collect();
+        let mut held: Vec<f64> = strong.iter().filter_map(|o| o.validation_ratio).collect();
         let (median, low) = (quantile(&mut held, 0.5), quantile(&mut held, 0.05));
         println!(
             "{name:>26} | {:>4} {:>5} {:>5} {:>5} {:>5} {size:>5.2} {:>5} {:>6} {median:>5.2} {low:>5.2} | {:>4} {:>5} {:>5} {:>5}",
@@ -210,7 +210,7 @@ fn outside(all: &[Outcome]) {
     groups.extend(grouped(&lines, |o| o.family.clone()));
     groups.insert("~ all".into(), lines.clone());
     for (name, lines) in groups {
-        let mut held: Vec<f64> = lines.iter().filter_map(|o| o.holdout_ratio).collect();
+        let mut held: Vec<f64> = lines.iter().filter_map(|o| o.validation_ratio).collect();
         let (median, low) = (quantile(&mut held, 0.5), quantile(&mut held, 0.05));
         let open: Vec<&Outcome> = lines.iter().copied().filter(|o| o.warned || !o.explained()).collect();
         println!(

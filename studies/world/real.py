@@ -363,10 +363,10 @@ def judged(record, found, tables):
         wrong.append("stand-ins: " + ", ".join(stand_ins))
     errors = {True: [], False: []}
     for o in d["outputs"]:
-        errors[o["held_out"]].append(f"{o['output']} {o['rms_before']:.3g} -> {o['rms_after']:.3g}")
-        if o["held_out"] and o["rms_after"] > 1.002 * o["rms_before"]:
+        errors[o["validation"]].append(f"{o['output']} {o['rms_before']:.3g} -> {o['rms_after']:.3g}")
+        if o["validation"] and o["rms_after"] > 1.002 * o["rms_before"]:
             wrong.append(f"validation worse: {o['output']}")
-        if not o["held_out"] and o["output"] in record.most and o["rms_after"] > record.most[o["output"]]:
+        if not o["validation"] and o["output"] in record.most and o["rms_after"] > record.most[o["output"]]:
             wrong.append(f"{o['output']} above {record.most[o['output']]}")
         does = dict(zip(tables, found.get("does", []))).get(o["run"])
         if causes and "does" in found:

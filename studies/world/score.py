@@ -39,11 +39,11 @@ def said(d):
     causes = []
     for c in d.get("causes", []):
         others = [f"{m['effect']}({', '.join(m['targets'])})" for m in c.get("group", [])[1:]]
-        gain = c["gain_train"] if c["gain_train"] is not None else float("nan")
-        held = "" if c.get("gain_holdout") is None else f" / {c['gain_holdout']:.0f}"
+        gain = c["gain_training"] if c["gain_training"] is not None else float("nan")
+        held = "" if c.get("gain_validation") is None else f" / {c['gain_validation']:.0f}"
         causes.append(f"{c['effect']}({', '.join(c['targets'])}) {gain:.0f}{held}" + (f" [or {', '.join(others[:4])}]" if others else ""))
     p = d.get("family_wise_p")
-    sites = d.get("sites") or []
+    sites = d.get("places") or []
     site = f", site {sites[0]['name']}" if d["verdict"] == "disturbance" and sites else ""
     return f"{d['verdict']}{site} (p {p:.2g}): " + ("; ".join(causes) or "-")
 
@@ -92,10 +92,10 @@ def judge(case, found):
     if truth["kind"] == "pair":
         taken = [{k for k, c in enumerate(causes) if grouped(r, c)} for r in right]
         row["group"] = all(taken) and len(set.union(*taken)) >= 2
-    words = json.dumps([d.get("leftover"), d.get("suggestions")]) if d else ""
+    words = json.dumps([d.get("residual_analysis"), d.get("suggestions")]) if d else ""
     if truth["kind"] == "outside":
         kind, place = truth["hidden"][0]["kind"], truth["hidden"][0]["place"]
-        sites = [s["name"] for s in (d.get("sites") or [])] if d else []
+        sites = [s["name"] for s in (d.get("places") or [])] if d else []
         row["place"] = bool(sites) and place in sites[:1]
         if kind == "gust":
             row["group"] = bool(d) and d["verdict"] == "disturbance"
@@ -106,7 +106,7 @@ def judge(case, found):
     # what is printed beside what the written text does
     outputs = d["outputs"] if d else []
     names = list(truth["noise"])
-    held = [o for o in outputs if o["held_out"] and o["rms_after"] is not None]
+    held = [o for o in outputs if o["validation"] and o["rms_after"] is not None]
     level = {name: noise["size"] for name, noise in truth["noise"].items()}
     if held and causes:
         before = sum((o["rms_before"] / level[o["output"]]) ** 2 for o in held)

@@ -87,7 +87,7 @@ fn an_effect_of_the_users_own_is_found_and_written_into_the_users_text() {
     let cause = &found["causes"][0];
     assert_eq!((&cause["effect"], &cause["targets"]), (&"stall".into(), &serde_json::json!(["r", "rudder"])), "{said}");
     let loss = cause["parameters"][0]["value"].as_f64().unwrap();
-    assert!((loss - 0.9).abs() < 0.15 && cause["gain_holdout"].as_f64().unwrap() > 10.0, "{cause}");
+    assert!((loss - 0.9).abs() < 0.15 && cause["gain_validation"].as_f64().unwrap() > 10.0, "{cause}");
     assert_eq!(found["causes"].as_array().unwrap().len(), 1, "{said}");
 
     // the user's own lines stay as they are, to the byte; estimates take the place of start values
@@ -147,10 +147,10 @@ fn an_input_that_follows_the_states_is_told() {
     desk.write("loop.csv", steered(3));
     let of = |words: &str| desk.json(words);
     let found = of("diagnose held.fdm --data loop.csv --zoh rudder --json -q");
-    let input = &found["following"]["inputs"][0];
+    let input = &found["feedback"]["inputs"][0];
     assert!(input["input"] == "rudder" && input["explained"].as_f64().unwrap() > 0.8, "{input}");
     // what the rudder does and what the damping does is one thing in such a record: neither can be seen to change
-    let hidden: Vec<String> = found["following"]["hidden"]
+    let hidden: Vec<String> = found["feedback"]["hidden"]
         .as_array()
         .unwrap()
         .iter()
@@ -172,7 +172,7 @@ fn an_input_that_follows_the_states_is_told() {
         "{said}"
     );
     let open = of("diagnose yaw.fdm --data one.csv --only sensor_lag,output_delay --json -q");
-    assert!(open["following"].is_null(), "{}", open["following"]);
+    assert!(open["feedback"].is_null(), "{}", open["feedback"]);
 }
 
 #[test]

@@ -196,9 +196,9 @@ fn validation_holds_what_is_shared_and_finds_the_rest() {
     assert!(desk.path("valid.svg").exists());
     // by time and by frequency: the square wave is explained where it has its power
     assert!(text.contains("fifth 1") && text.contains("of the record explained"), "{text}");
-    let misfit = validated["validation"]["misfit"].as_array().unwrap();
-    assert_eq!(misfit.len(), 2);
-    for m in misfit {
+    let lack_of_fit = validated["validation"]["lack_of_fit"].as_array().unwrap();
+    assert_eq!(lack_of_fit.len(), 2);
+    for m in lack_of_fit {
         assert_eq!(m["windows"].as_array().unwrap().len(), 10, "{m}");
         assert!(m["bands"].as_array().unwrap().iter().any(|b| b["explained"].as_f64().unwrap() > 0.99), "{m}");
         assert!(!m["sentences"].as_array().unwrap().is_empty(), "{m}");

@@ -54,20 +54,18 @@ pub struct Attribution {
     /// where no effect was fitted.
     pub by_effect: Option<f64>,
     /// The same by a random disturbance at the best place.
-    #[serde(rename = "by_force")]
     pub by_disturbance: f64,
     /// The same by a disturbance that is one function of states and inputs in all runs.
-    #[serde(rename = "by_law")]
     pub by_nonlinearity: f64,
     /// The same by effect and random disturbance.
     pub by_both: Option<f64>,
     /// What is still unexplained after the best effect, in words.
     pub warnings: Vec<String>,
     /// Where something enters that no effect explains, the likeliest first; empty where nothing is left.
-    pub sites: Vec<PlaceEvidence>,
+    pub places: Vec<PlaceEvidence>,
     /// An unmodelled nonlinearity that is a function of one state or input; none where it takes several, or there is none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub law: Option<Law>,
+    pub nonlinearity: Option<NonlinearityCurve>,
 }
 
 impl Attribution {
@@ -81,7 +79,7 @@ impl Attribution {
 
 /// An unmodelled nonlinearity drawn over the variable that it is a function of.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
-pub struct Law {
+pub struct NonlinearityCurve {
     /// Where it is added.
     pub place: Place,
     /// The function.
@@ -105,7 +103,7 @@ pub(crate) fn attribute(model: &Model, base: &ResidualEvidence, best: Option<Exp
         left && effect < PART * (effect + e.evidence.rest())
     };
     // beside a strong disturbance that does not repeat, noise looks a little like inputs and nonlinearities as well; what is the same
-    // in every run is a law, unless a disturbance is clearly likelier
+    // in every run is an unmodelled nonlinearity, unless a disturbance is clearly likelier
     let repeated = by_nonlinearity.max(base.residual_analysis.evidence());
     let repeated = if by_nonlinearity > NONLINEARITY { repeated + CLEAR } else { repeated };
     let verdict = if disturbance && repeated < by_disturbance {
@@ -117,29 +115,30 @@ pub(crate) fn attribute(model: &Model, base: &ResidualEvidence, best: Option<Exp
     } else {
         Origin::Nothing
     };
-    let sites = match verdict {
+    let places = match verdict {
         Origin::Disturbance => base.places.disturbances.iter().filter(|s| s.evidence > 0.0).map(standing).collect(),
-        Origin::UnknownCause => sites(model, base, best),
-        _ if !warnings.is_empty() => sites(model, base, best),
+        Origin::UnknownCause => unknown_places(model, base, best),
+        _ if !warnings.is_empty() => unknown_places(model, base, best),
         _ => Vec::new(),
     };
-    let heard = best.map_or(base, |e| e.evidence);
-    let law = matches!(verdict, Origin::UnknownCause | Origin::Disturbance)
-        .then(|| heard.nonlinearities.law().or_else(|| base.nonlinearities.law()));
-    Attribution { verdict, by_effect, by_disturbance, by_nonlinearity, by_both, warnings, sites, law: law.flatten() }
+    let analysed = best.map_or(base, |e| e.evidence);
+    let nonlinearity = matches!(verdict, Origin::UnknownCause | Origin::Disturbance)
+        .then(|| analysed.nonlinearities.single().or_else(|| base.nonlinearities.single()))
+        .flatten();
+    Attribution { verdict, by_effect, by_disturbance, by_nonlinearity, by_both, warnings, places, nonlinearity }
 }
 
 impl Nonlinearities {
     /// The likeliest curve over one variable with the logarithm of its odds, where it is believed: functions of several may be likelier.
-    pub(crate) fn curve(&self) -> Option<(Law, f64)> {
+    pub(crate) fn curve(&self) -> Option<(NonlinearityCurve, f64)> {
         let first = self.curves.first().filter(|n| n.evidence > BELIEVED)?;
-        Some((Law { place: first.place.clone(), curve: first.curve.clone()? }, first.evidence))
+        Some((NonlinearityCurve { place: first.place.clone(), curve: first.curve.clone()? }, first.evidence))
     }
 
     /// The likeliest, where it is there and a function of one variable.
-    fn law(&self) -> Option<Law> {
+    fn single(&self) -> Option<NonlinearityCurve> {
         let first = self.list.first().filter(|n| n.evidence > NONLINEARITY)?;
-        Some(Law { place: first.place.clone(), curve: first.curve.clone()? })
+        Some(NonlinearityCurve { place: first.place.clone(), curve: first.curve.clone()? })
     }
 }
 
@@ -178,11 +177,11 @@ fn standing(site: &super::localisation::Site) -> PlaceEvidence {
 }
 
 /// Where an unknown cause enters: what the model as it was given lacks, and what the effects leave.
-fn sites(model: &Model, base: &ResidualEvidence, best: Option<Explained<'_>>) -> Vec<PlaceEvidence> {
-    let mut sites: Vec<PlaceEvidence> = Vec::new();
-    let mut add = |place: Place, evidence: f64| match sites.iter_mut().find(|s| s.place == place) {
+fn unknown_places(model: &Model, base: &ResidualEvidence, best: Option<Explained<'_>>) -> Vec<PlaceEvidence> {
+    let mut places: Vec<PlaceEvidence> = Vec::new();
+    let mut add = |place: Place, evidence: f64| match places.iter_mut().find(|p| p.place == place) {
         Some(known) => known.evidence = known.evidence.max(evidence),
-        None => sites.push(PlaceEvidence { place, evidence }),
+        None => places.push(PlaceEvidence { place, evidence }),
     };
     for nonlinearity in base.nonlinearities.list.iter().filter(|nonlinearity| nonlinearity.evidence > 0.0) {
         add(nonlinearity.place.clone(), nonlinearity.evidence);
@@ -201,13 +200,13 @@ fn sites(model: &Model, base: &ResidualEvidence, best: Option<Explained<'_>>) ->
             add(Place { kind: PlaceKind::Input, index: input, name: found.partner.input().into() }, own);
         }
     }
-    rank(model, &mut sites, |s| (&s.place, s.evidence));
-    sites
+    rank(model, &mut places, |p| (&p.place, p.evidence));
+    places
 }
 
 /// What says that residuals are not noise.
-fn warnings(heard: &ResidualEvidence) -> Vec<String> {
-    let ResidualEvidence { places, nonlinearities, residual_analysis } = heard;
+fn warnings(evidence: &ResidualEvidence) -> Vec<String> {
+    let ResidualEvidence { places, nonlinearities, residual_analysis } = evidence;
     let mut said = Vec::new();
     let or = |names: Vec<String>| names.join(" or ");
     if places.evidence() > CLEAR {
@@ -219,7 +218,7 @@ fn warnings(heard: &ResidualEvidence) -> Vec<String> {
         let names = or(nonlinearities.group().map(|l| l.place.to_string()).collect());
         let odds = nonlinearities.evidence();
         let of =
-            nonlinearities.law().map_or(String::new(), |law| format!(", a function of {} alone,", law.curve.variable));
+            nonlinearities.single().map_or(String::new(), |n| format!(", a function of {} alone,", n.curve.variable));
         said.push(format!(
             "the residuals follow states and inputs alike in all runs, as an unmodelled nonlinearity in {names}{of} would: its odds are e^{odds:.0} to 1"
         ));
@@ -264,8 +263,17 @@ mod tests {
     fn an_effect_stands_beside_a_disturbance_if_it_adds_or_gains_more() {
         let stands = |by_disturbance: f64, by_both: Option<f64>, gained: f64| {
             let (verdict, by_effect, by_nonlinearity) = (Origin::Disturbance, None, 0.0);
-            let (warnings, sites, law) = (Vec::new(), Vec::new(), None);
-            let of = Attribution { verdict, by_effect, by_disturbance, by_nonlinearity, by_both, warnings, sites, law };
+            let (warnings, places, nonlinearity) = (Vec::new(), Vec::new(), None);
+            let of = Attribution {
+                verdict,
+                by_effect,
+                by_disturbance,
+                by_nonlinearity,
+                by_both,
+                warnings,
+                places,
+                nonlinearity,
+            };
             of.believes_beside(gained)
         };
         assert!(stands(7.0, None, 583.0) && !stands(7.0, None, 8.0));

@@ -21,7 +21,7 @@ mod suggestions;
 #[cfg(test)]
 mod tests;
 
-pub use attribution::{Attribution, Law, Origin};
+pub use attribution::{Attribution, NonlinearityCurve, Origin};
 pub(crate) use attribution::{Explained, ResidualEvidence, attribute, residual_evidence};
 pub use localisation::{Localisation, Ordinate, Site};
 pub use nonlinearity::{Curve, CurvePoint};

@@ -80,7 +80,7 @@ fn about_mean(values: &[f64]) -> impl Iterator<Item = f64> + '_ {
 
 /// Root mean square of white noise that is as strong as the residuals in their upper bins: the median of their powers, so that a
 /// bin of a disturbance does not count.
-pub(super) fn floor(channels: &[OutputResidual<'_>]) -> f64 {
+pub(super) fn noise_level(channels: &[OutputResidual<'_>]) -> f64 {
     let mut powers: Vec<f64> = Vec::new();
     for channel in channels {
         let bins = cosine_lines(channel.filled());
@@ -102,7 +102,7 @@ pub(super) fn root_of_median(mut powers: Vec<f64>) -> f64 {
 }
 
 /// The error in octaves below half the sampling frequency.
-pub(super) fn bands(channels: &[OutputResidual<'_>], floor: f64) -> Vec<Band> {
+pub(super) fn bands(channels: &[OutputResidual<'_>], noise_level: f64) -> Vec<Band> {
     let highest = channels.iter().map(|c| 0.5 / c.interval).fold(0.0, f64::max);
     let longest = channels.iter().map(|c| c.time.len() as f64 * c.interval).fold(0.0, f64::max);
     if highest <= 0.0 || longest <= 0.0 {
@@ -119,7 +119,7 @@ pub(super) fn bands(channels: &[OutputResidual<'_>], floor: f64) -> Vec<Band> {
             let f = frequency(channel, bin);
             let band = &mut sums[(1..count).rev().find(|k| f >= edge(*k)).unwrap_or(0)];
             band.error += error * error;
-            band.noise += floor * floor * share;
+            band.noise += noise_level * noise_level * share;
             band.moving += moving * moving;
             band.measured += measured * measured;
         }

@@ -13,7 +13,7 @@ pub use distribution::{AmplitudeBin, Band, RunResidual, Window};
 pub use gain_phase::Gain;
 
 use distribution::{
-    OCTAVES, OutputResidual, Powers, UPPER, bands, by_amplitude, floor, root_of_median, shares, windows,
+    OCTAVES, OutputResidual, Powers, UPPER, bands, by_amplitude, noise_level, root_of_median, shares, windows,
 };
 use fdm_estimate::residuals::OutputFit;
 use fdm_system::model::Model;
@@ -32,9 +32,9 @@ pub struct LackOfFit {
     /// Root mean square of the residuals.
     pub rms: f64,
     /// The noise of the record by its upper frequencies, as a root mean square over all of them.
-    pub floor: f64,
-    /// Share of the mean square that is above this floor.
-    pub above_floor: f64,
+    pub noise_level: f64,
+    /// Share of the mean square that is above this level.
+    pub above_noise_level: f64,
     /// Theil's inequality coefficient; none where record and response are zero.
     pub tic: Option<f64>,
     /// Parts of the error by frequency, octaves from low to high.
@@ -64,7 +64,7 @@ fn of_output(model: &Model, runs: &[RunResidual<'_>], output: usize, q: usize) -
     let (measured, modelled): (Vec<f64>, Vec<f64>) = cells().map(|(r, y)| (r + y, *y)).unzip();
     let fit = OutputFit::new(&quantity.name, "", &measured, &modelled, 0, 1);
     let rms = fit.rms?;
-    let floor = floor(&channels);
+    let noise_level = noise_level(&channels);
     let inputs: Vec<(String, usize)> = definition
         .inputs
         .iter()
@@ -77,10 +77,10 @@ fn of_output(model: &Model, runs: &[RunResidual<'_>], output: usize, q: usize) -
         unit: quantity.unit.as_ref().map(ToString::to_string),
         compared: fit.compared,
         rms,
-        floor,
-        above_floor: if rms > 0.0 { (1.0 - (floor / rms).powi(2)).max(0.0) } else { 0.0 },
+        noise_level,
+        above_noise_level: if rms > 0.0 { (1.0 - (noise_level / rms).powi(2)).max(0.0) } else { 0.0 },
         tic: fit.tic,
-        bands: bands(&channels, floor),
+        bands: bands(&channels, noise_level),
         windows: windows(&channels),
         amplitudes: by_amplitude(&quantity.name, &channels, &runs, &inputs),
         gains: gains(&channels),
@@ -137,14 +137,14 @@ fn of_binned_output(model: &Model, passages: &[BinnedResidual], output: usize, q
     let spread = (bins as f64 / samples.max(1) as f64).sqrt();
     let upper = |c: &BinnedOutput| c.residual[((1.0 - UPPER) * c.residual.len() as f64) as usize..].to_vec();
     let deviation = root_of_median(columns.iter().flat_map(upper).map(|r| r * r).collect());
-    let (rms, floor) = (spread * fit.rms?, spread * deviation);
+    let (rms, noise_level) = (spread * fit.rms?, spread * deviation);
     let mut lack_of_fit = LackOfFit {
         output: quantity.name.clone(),
         unit: quantity.unit.as_ref().map(ToString::to_string),
         compared: fit.compared,
         rms,
-        floor,
-        above_floor: if rms > 0.0 { (1.0 - (floor / rms).powi(2)).max(0.0) } else { 0.0 },
+        noise_level,
+        above_noise_level: if rms > 0.0 { (1.0 - (noise_level / rms).powi(2)).max(0.0) } else { 0.0 },
         tic: fit.tic,
         bands: binned_bands(&columns, deviation),
         windows: Vec::new(),
@@ -197,7 +197,7 @@ fn binned_bands(columns: &[BinnedOutput], deviation: f64) -> Vec<Band> {
     shares(&sums, edge)
 }
 
-/// Below this share above the noise floor an output is matched to its noise.
+/// Below this share above the noise level an output is matched to its noise.
 const NOTHING: f64 = 0.1;
 /// A band is told that holds more of the error than this, and twice as much as its noise.
 const BAND_SHARE: f64 = 0.2;
@@ -213,14 +213,14 @@ const PERCENT: f64 = 3.0;
 pub(super) fn sentences(lack_of_fit: &LackOfFit, time: &str, runs: usize) -> Vec<String> {
     let name = &lack_of_fit.output;
     let unit = lack_of_fit.unit.as_ref().map_or(String::new(), |u| format!(" {u}"));
-    if lack_of_fit.above_floor < NOTHING {
+    if lack_of_fit.above_noise_level < NOTHING {
         return vec![format!("{name}: the error of {}{unit} is the noise of the record", short(lack_of_fit.rms))];
     }
     let mut said = vec![format!(
         "{name}: the error is {}{unit}, {} times the noise of the record ({}{unit})",
         short(lack_of_fit.rms),
-        short(lack_of_fit.rms / lack_of_fit.floor.max(f64::MIN_POSITIVE)),
-        short(lack_of_fit.floor)
+        short(lack_of_fit.rms / lack_of_fit.noise_level.max(f64::MIN_POSITIVE)),
+        short(lack_of_fit.noise_level)
     )];
     said.extend(band(lack_of_fit, time));
     said.extend(phase(lack_of_fit, time, runs));

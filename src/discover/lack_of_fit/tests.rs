@@ -56,7 +56,7 @@ fn a_late_record_is_late_where_it_is() {
     let said = found.sentences.join("\n");
     assert!(said.contains("late by 14") || said.contains("late by 13") || said.contains("late by 15"), "{said}");
     assert!(said.contains("Hz, in all runs"), "{said}");
-    assert!((found.floor / 0.01 - 1.0).abs() < 0.1 && found.rms > 0.1, "{found:?}");
+    assert!((found.noise_level / 0.01 - 1.0).abs() < 0.1 && found.rms > 0.1, "{found:?}");
     assert!(found.bands.iter().map(|b| b.share).sum::<f64>() > 0.999);
 }
 
@@ -68,7 +68,7 @@ fn noise_is_called_noise() {
         "{:?}",
         found.sentences
     );
-    assert!(found.above_floor < 0.1 && found.gains.is_empty(), "{found:?}");
+    assert!(found.above_noise_level < 0.1 && found.gains.is_empty(), "{found:?}");
 }
 
 #[test]
@@ -94,8 +94,8 @@ fn records_with_gaps_and_without_variation_are_described() {
     let gap = |t: f64| if t < 3.0 { f64::NAN } else { 0.0 };
     let found = described(|run, t| tones(run, t, 0.0), |run, t| tones(run, t, 0.0) + gap(t), 0.05);
     assert_eq!(found.compared, 2 * (SAMPLES - 150));
-    assert!((found.floor / 0.05 - 1.0).abs() < 0.1, "{}", found.floor);
+    assert!((found.noise_level / 0.05 - 1.0).abs() < 0.1, "{}", found.noise_level);
     let found = described(|_, _| 0.0, |_, _| 0.0, 0.0);
-    assert_eq!((found.rms, found.floor), (0.0, 0.0));
+    assert_eq!((found.rms, found.noise_level), (0.0, 0.0));
     assert!(found.sentences.iter().all(|s| !s.contains("NaN") && !s.contains("inf")), "{:?}", found.sentences);
 }

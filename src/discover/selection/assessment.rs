@@ -160,7 +160,7 @@ pub(super) fn output_gains(
                 unit: output.quantity.unit.as_ref().map(ToString::to_string),
                 rms_before: a.rms.map(|rms| spread * rms),
                 rms_after: b.rms.map(|rms| spread * rms),
-                noise_floor: match &frequencies {
+                noise_level: match &frequencies {
                     Some(own) => spread * noise.floor_of(o, own),
                     None => {
                         let (n, interval) = sampling(&told_by[r], (o, q));
@@ -188,7 +188,7 @@ pub(super) fn beyond_noise(outputs: &[OutputGain], (residuals, q): (&[Vec<f64>],
     let names: Vec<&str> = outputs.iter().take(q).map(|o| o.output.as_str()).collect();
     let of = |(o, name): (usize, &&str)| -> Option<String> {
         let own = outputs.iter().filter(|gain| gain.output == **name && !gain.validation);
-        let squares = own.filter_map(|gain| Some((gain.rms_before?.powi(2), gain.noise_floor.powi(2))));
+        let squares = own.filter_map(|gain| Some((gain.rms_before?.powi(2), gain.noise_level.powi(2))));
         let (error, noise) = squares.fold((0.0, 0.0), |sum, own| (sum.0 + own.0, sum.1 + own.1));
         let times = (error / noise).sqrt();
         if times.is_nan() || times <= PLAIN {

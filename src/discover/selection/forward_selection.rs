@@ -22,7 +22,7 @@ use super::significance::confirmed;
 use super::whitening::CommonNoise;
 use super::written_model::WrittenModel;
 use crate::diagnosis::{Cause, Diagnosis, EffectAt, FrontModel, LeftOut, Rejected, SelectionStep, Verdict};
-use crate::disturbance::{Attribution, BELIEVED, Law, Origin, ResidualEvidence};
+use crate::disturbance::{Attribution, BELIEVED, NonlinearityCurve, Origin, ResidualEvidence};
 use fdm_estimate::changed;
 use fdm_grammar::effect::{Candidate, Catalogue, Choice, Subject};
 use fdm_grammar::syntax::Class;
@@ -665,7 +665,7 @@ impl<'a> ForwardSelection<'a> {
         let mut verdict = self.verdict(attribution.as_ref(), end.family_wise, (confirmed, gained));
         let in_time = *self.runs.domain == Domain::Time;
         let left = explained.as_ref().is_some_and(ResidualEvidence::repeats);
-        let curve_of = |law: &Law| -> Option<LawModel> {
+        let curve_of = |law: &NonlinearityCurve| -> Option<LawModel> {
             (self.progress)("fitting the curve of an unmodelled law");
             law_model(first, &before.theta, law, (runs, options, goes_on)).ok()
         };
@@ -957,7 +957,8 @@ fn near(step: &ForwardStep<'_>, comparison: &Comparison, k: usize, can: &[usize]
 
 /// Whether a curve over one variable is likelier than the effects, by odds of 100 : 1.
 fn is_law(attribution: &Attribution) -> bool {
-    attribution.law.is_some() && attribution.by_nonlinearity > attribution.by_effect.unwrap_or(0.0).max(0.0) + BELIEVED
+    attribution.nonlinearity.is_some()
+        && attribution.by_nonlinearity > attribution.by_effect.unwrap_or(0.0).max(0.0) + BELIEVED
 }
 
 /// Everything that the user gave a name.

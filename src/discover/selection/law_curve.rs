@@ -10,7 +10,7 @@ use super::initial_fit::Thoroughness;
 use super::runs::{DiagnosisOptions, GoesOn, Runs};
 use super::written_model::{WrittenModel, at_values, written_model};
 use crate::diagnosis::EffectAt;
-use crate::disturbance::{CurvePoint, Law, PlaceKind};
+use crate::disturbance::{CurvePoint, NonlinearityCurve, PlaceKind};
 use fdm_grammar::Source;
 use fdm_grammar::effect::{Catalogue, Choice, NewParam, Subject};
 use fdm_system::model::Model;
@@ -69,7 +69,7 @@ struct Tabulated {
 pub(super) fn law_model(
     first: &FittedModel,
     theta: &[Vec<f64>],
-    law: &Law,
+    law: &NonlinearityCurve,
     (runs, options, goes_on): (Runs<'_>, &DiagnosisOptions, &GoesOn<'_>),
 ) -> Result<LawModel, String> {
     let points = nodes(&law.curve.points);
@@ -140,7 +140,7 @@ impl Tabulated {
     fn new(
         first: &FittedModel,
         runs: Runs<'_>,
-        law: &Law,
+        law: &NonlinearityCurve,
         points: &[CurvePoint],
         pinned: Pinned,
     ) -> Result<Self, String> {
@@ -190,7 +190,7 @@ fn with_table(
     first: &FittedModel,
     text: &str,
     constant: &NewParam,
-    law: &Law,
+    law: &NonlinearityCurve,
     points: &[CurvePoint],
     pinned: Pinned,
 ) -> Result<(String, Vec<String>), String> {

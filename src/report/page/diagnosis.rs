@@ -65,13 +65,13 @@ pub(super) fn verdict(found: &DiagnosisDocument) -> Verdict {
         points.push(("The search was stopped before its end".into(), "wrong"));
     }
     for (k, c) in found.causes.iter().enumerate() {
-        let gain = shown(c.gain_train, 4);
+        let gain = shown(c.gain_training, 4);
         points.push((format!("Cause {}: {} (gain in log-likelihood {gain})", k + 1, c.doc), "causes"));
     }
     if found.verdict != Found::NoEffectFound {
-        points.extend(found.misfit.iter().flat_map(|m| &m.sentences).map(|s| (s.clone(), "wrong")));
+        points.extend(found.lack_of_fit.iter().flat_map(|m| &m.sentences).map(|s| (s.clone(), "wrong")));
     }
-    points.extend(found.leftover.iter().map(|s| (s.clone(), "wrong")));
+    points.extend(found.residual_analysis.iter().map(|s| (s.clone(), "wrong")));
     (trust, sentence, points)
 }
 
@@ -84,24 +84,24 @@ fn chance(p: f64) -> String {
 }
 
 fn wrong(subject: &Subject, found: &DiagnosisDocument) -> Option<Section> {
-    let misfit = &found.misfit;
-    if misfit.is_empty() {
+    let lack_of_fit = &found.lack_of_fit;
+    if lack_of_fit.is_empty() {
         return None;
     }
     let time = subject.time();
     let content = html! {
-        @for (k, m) in misfit.iter().enumerate() {
-            @let (rms, floor, unit) = (shown(m.rms, 3), shown(m.floor, 3), m.unit.as_deref().unwrap_or_default());
-            h3 { code { (m.output) } ": " (rms) " " (unit) " where noise would leave " (floor) " " (unit) }
+        @for (k, m) in lack_of_fit.iter().enumerate() {
+            @let (rms, level, unit) = (shown(m.rms, 3), shown(m.noise_level, 3), m.unit.as_deref().unwrap_or_default());
+            h3 { code { (m.output) } ": " (rms) " " (unit) " where noise would leave " (level) " " (unit) }
             ul { @for s in &m.sentences { li { (s) } } }
             div.pair {
-                @for figure in of_misfit(k, m, &time) { (figure.markup()) }
+                @for figure in of_lack_of_fit(k, m, &time) { (figure.markup()) }
             }
         }
-        @if !found.sites.is_empty() {
+        @if !found.places.is_empty() {
             p { "Where something unknown would enter, by the odds that it does:" }
             div.scroll { table { thead { tr { th { "place" } th.number { "logarithm of the odds" } } } tbody {
-                @for s in found.sites.iter().filter(|s| s.evidence.is_finite()) { tr {
+                @for s in found.places.iter().filter(|s| s.evidence.is_finite()) { tr {
                     th scope="row" { (entrance(s.place.kind)) " of " code { (s.place.name) } }
                     td.number { (shown(s.evidence, 4)) }
                 } }
@@ -120,7 +120,7 @@ fn wrong(subject: &Subject, found: &DiagnosisDocument) -> Option<Section> {
 
 /// An unmodelled nonlinearity over its variable.
 fn law_figure(found: &DiagnosisDocument) -> Option<Figure> {
-    let law = found.attribution.as_ref()?.law.as_ref()?;
+    let law = found.attribution.as_ref()?.nonlinearity.as_ref()?;
     let (place, variable) = (&law.place, &law.curve.variable);
     let of = |value: fn(&CurvePoint) -> f64| law.curve.points.iter().map(value).collect::<Vec<f64>>();
     let added = match place.kind {
@@ -163,18 +163,18 @@ fn entrance(kind: PlaceKind) -> &'static str {
 /// All of them.
 pub(super) fn figures(subject: &Subject, found: &DiagnosisDocument) -> Vec<Figure> {
     let time = subject.time();
-    let misfit = found
-        .misfit
+    let lack_of_fit = found
+        .lack_of_fit
         .iter()
         .enumerate()
-        .flat_map(|(k, m)| of_misfit(k, m, &time))
+        .flat_map(|(k, m)| of_lack_of_fit(k, m, &time))
         .chain(law_figure(found))
         .chain(front_figure(found));
     let runs = ordered(subject, &found.outputs).into_iter().enumerate();
-    misfit.chain(runs.flat_map(|(k, (_, table))| overlays(k, table))).collect()
+    lack_of_fit.chain(runs.flat_map(|(k, (_, table))| overlays(k, table))).collect()
 }
 
-fn of_misfit(k: usize, m: &LackOfFit, time: &str) -> Vec<Figure> {
+fn of_lack_of_fit(k: usize, m: &LackOfFit, time: &str) -> Vec<Figure> {
     [bands(k, m, time), windows(k, m, time), amplitudes(k, m)].into_iter().flatten().collect()
 }
 
@@ -251,8 +251,8 @@ fn cause(k: usize, c: &CauseDocument) -> Markup {
                 } }
             } } }
             p {
-                "Gain in log-likelihood " strong { (shown(c.gain_train, 5)) }
-                @if c.gain_holdout.is_some() { ", on the validation runs " strong { (shown(c.gain_holdout, 5)) } }
+                "Gain in log-likelihood " strong { (shown(c.gain_training, 5)) }
+                @if c.gain_validation.is_some() { ", on the validation runs " strong { (shown(c.gain_validation, 5)) } }
                 "; score " (shown(c.score, 5)) "; chance of noise alone " (chance(c.p)) "."
             }
             @if rivals.is_empty() {
@@ -390,7 +390,7 @@ fn gained(subject: &Subject, found: &DiagnosisDocument) -> Option<Section> {
             } }
             tbody { @for o in outputs { tr {
                 td { (o.run) } td { (role(o.validation)) } th scope="row" { code { (o.output) } }
-                td.number { (shown(o.rms_before, 3)) } td.number { (shown(o.rms_after, 3)) } td.number { (shown(o.noise_floor, 3)) }
+                td.number { (shown(o.rms_before, 3)) } td.number { (shown(o.rms_after, 3)) } td.number { (shown(o.noise_level, 3)) }
                 td { (o.unit.as_deref().unwrap_or_default()) }
                 td.number { (shown(o.tic_before, 3)) } td.number { (shown(o.tic_after, 3)) }
                 td.number { (shown(o.r2_before, 5)) } td.number { (shown(o.r2_after, 5)) }

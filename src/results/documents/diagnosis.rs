@@ -18,19 +18,19 @@ pub struct DiagnosisDocument {
     /// In the order in which they were accepted.
     pub causes: Vec<CauseDocument>,
     /// What is wrong with every output of the model as it was given.
-    pub misfit: Vec<LackOfFit>,
+    pub lack_of_fit: Vec<LackOfFit>,
     /// How small each effect could have been.
     pub detectable: Vec<Detectable>,
     /// Where the extended text was written.
     pub extended_model: Option<String>,
     /// Where something enters that no effect explains.
-    pub sites: Vec<PlaceEvidence>,
+    pub places: Vec<PlaceEvidence>,
     /// What is still unexplained, in words.
-    pub leftover: Vec<String>,
+    pub residual_analysis: Vec<String>,
     /// Effect, disturbance or unknown cause, weighed against each other.
     pub attribution: Option<Attribution>,
     /// The course of the likeliest disturbance, where the verdict rests on one.
-    pub force: Option<Force>,
+    pub disturbance: Option<DisturbanceCourse>,
     /// What an unknown cause looks like.
     pub suggestions: Option<Suggestions>,
     /// Why the search ended.
@@ -51,8 +51,8 @@ pub struct DiagnosisDocument {
     pub gains: Vec<RunGain>,
     /// How outputs are matched before and after.
     pub outputs: Vec<OutputGain>,
-    /// Inputs that follow states.
-    pub following: Option<Feedback>,
+    /// Inputs that are correlated with the states, as under a controller or pilot.
+    pub feedback: Option<Feedback>,
     /// Candidates that could not be tried.
     pub left_out: Vec<LeftOut>,
     /// Number of hat functions of each output's noise spectrum.
@@ -80,9 +80,9 @@ pub struct CauseDocument {
     /// Its parameters.
     pub parameters: Vec<NewParameter>,
     /// Gain in log-likelihood on the runs that were fitted.
-    pub gain_train: f64,
-    /// Gain on the runs that were held out.
-    pub gain_holdout: Option<f64>,
+    pub gain_training: f64,
+    /// Gain on the validation runs.
+    pub gain_validation: Option<f64>,
     /// What screening had predicted.
     pub gain_predicted: f64,
     /// Gains less the penalty of its parameters.
@@ -124,7 +124,7 @@ pub enum Null {
 
 /// The course of a disturbance.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Force {
+pub struct DisturbanceCourse {
     /// What it enters.
     pub name: String,
     /// What kind of place that is.
@@ -151,13 +151,13 @@ impl DiagnosisDocument {
             verdict: d.verdict,
             family_wise_p: d.family_wise_p,
             causes: d.causes.iter().map(CauseDocument::from).collect(),
-            misfit: d.lack_of_fit.clone(),
+            lack_of_fit: d.lack_of_fit.clone(),
             detectable: d.detectable.clone(),
             extended_model: extended_model.map(str::to_string),
-            sites: d.attribution.as_ref().map_or(Vec::new(), |a| a.sites.clone()),
-            leftover: d.attribution.as_ref().map_or(Vec::new(), |a| a.warnings.clone()),
+            places: d.attribution.as_ref().map_or(Vec::new(), |a| a.places.clone()),
+            residual_analysis: d.attribution.as_ref().map_or(Vec::new(), |a| a.warnings.clone()),
             attribution: d.attribution.clone(),
-            force: force(d),
+            disturbance: disturbance(d),
             suggestions: d.suggestions.clone(),
             ended: d.ended.clone(),
             stopped: d.stopped,
@@ -167,7 +167,7 @@ impl DiagnosisDocument {
             biased_parameters: d.biased.clone(),
             gains: d.gains.clone(),
             outputs: d.outputs.clone(),
-            following: d.feedback.clone(),
+            feedback: d.feedback.clone(),
             left_out: d.left_out.clone(),
             noise_knots: d.noise_knots.clone(),
             domain: if d.spectral.is_some() { "frequency" } else { "time" }.into(),
@@ -185,8 +185,8 @@ impl From<&Cause> for CauseDocument {
             targets: c.place.targets.clone(),
             doc: c.doc.clone(),
             parameters: c.parameters.iter().map(NewParameter::from).collect(),
-            gain_train: c.gain_training,
-            gain_holdout: c.gain_validation,
+            gain_training: c.gain_training,
+            gain_validation: c.gain_validation,
             gain_predicted: c.gain_predicted,
             score: c.score,
             p: c.p,
@@ -217,8 +217,8 @@ impl From<&SelectionStep> for Search {
 }
 
 /// The course of the likeliest disturbance, where the verdict rests on one.
-fn force(d: &Diagnosis) -> Option<Force> {
+fn disturbance(d: &Diagnosis) -> Option<DisturbanceCourse> {
     let rests = matches!(d.verdict, Verdict::Disturbance | Verdict::UnknownCause);
-    let site = d.places.as_ref()?.disturbances.first().filter(|site| rests && site.evidence > 0.0)?;
-    Some(Force { name: site.place.name.clone(), kind: site.place.kind, course: site.course.clone() })
+    let first = d.places.as_ref()?.disturbances.first().filter(|first| rests && first.evidence > 0.0)?;
+    Some(DisturbanceCourse { name: first.place.name.clone(), kind: first.place.kind, course: first.course.clone() })
 }

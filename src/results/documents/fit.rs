@@ -296,7 +296,7 @@ pub struct Validation {
     /// How well those of the fitted runs are.
     pub fitted_outputs: Vec<OutputDocument>,
     /// What the prediction gets wrong.
-    pub misfit: Vec<LackOfFit>,
+    pub lack_of_fit: Vec<LackOfFit>,
     /// Bands of the prediction, by run and output.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub bands: Vec<BandCoverage>,

@@ -20,9 +20,9 @@ fn what_repeats_is_a_law_in_its_equation() {
     );
     assert_eq!(found.verdict, Origin::UnknownCause);
     assert!(
-        found.sites[..2].iter().any(|s| s.place.kind == PlaceKind::Equation && s.place.name == "q"),
+        found.places[..2].iter().any(|s| s.place.kind == PlaceKind::Equation && s.place.name == "q"),
         "{:?}",
-        found.sites
+        found.places
     );
 }
 
@@ -30,7 +30,7 @@ fn what_repeats_is_a_law_in_its_equation() {
 fn a_law_of_one_signal_is_drawn_over_it() {
     let case = Case::new(&FAMILIES[0], Hidden::Ripple, false, 0.02, 0.0, SHORT, 11);
     let (_, found) = attributed(&case);
-    let law = found.law.as_ref().unwrap_or_else(|| panic!("{found:?}"));
+    let law = found.nonlinearity.as_ref().unwrap_or_else(|| panic!("{found:?}"));
     assert_eq!((found.verdict, law.curve.variable.as_str()), (Origin::UnknownCause, "al"), "{found:?}");
     assert!(found.warnings.iter().any(|w| w.contains("a function of al alone")), "{:?}", found.warnings);
     // beside a constant and a slope, which the parameters make up for, it is the sine, in its unit
@@ -50,7 +50,7 @@ fn what_does_not_repeat_is_a_disturbance_in_its_equation() {
     let case = Case::new(&FAMILIES[0], Hidden::Gust(1), true, 0.01, 0.1, SHORT, 7);
     let (ResidualEvidence { places, nonlinearities, .. }, found) = attributed(&case);
     assert!(places.evidence() > nonlinearities.evidence() + 3.0, "{nonlinearities:?} {:?}", places.disturbances);
-    assert_eq!((found.verdict, found.sites[0].place.name.as_str()), (Origin::Disturbance, "q"));
+    assert_eq!((found.verdict, found.places[0].place.name.as_str()), (Origin::Disturbance, "q"));
 }
 
 #[test]
@@ -64,9 +64,9 @@ fn a_narrow_mode_in_a_sensor_is_seen_there() {
     );
     assert_eq!(found.verdict, Origin::UnknownCause);
     assert!(
-        found.sites[..2].iter().any(|s| s.place.kind == PlaceKind::Output && s.place.name == "qm"),
+        found.places[..2].iter().any(|s| s.place.kind == PlaceKind::Output && s.place.name == "qm"),
         "{:?}",
-        found.sites
+        found.places
     );
 }
 
@@ -74,7 +74,7 @@ fn a_narrow_mode_in_a_sensor_is_seen_there() {
 fn noise_is_neither() {
     let case = Case::new(&FAMILIES[0], Hidden::Nothing, true, 0.03, 0.0, SHORT, 3);
     let (_, found) = attributed(&case);
-    assert!(found.warnings.is_empty() && found.sites.is_empty(), "{found:?}");
+    assert!(found.warnings.is_empty() && found.places.is_empty(), "{found:?}");
     assert_eq!(found.verdict, Origin::Nothing);
 }
 
