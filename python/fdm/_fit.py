@@ -153,7 +153,7 @@ class Fit:
     interrupted: bool
     """Stopped by Ctrl-C or by the progress function: the values are the best so far."""
     validation: Prediction | None
-    """The prediction of the validation runs; none where none were given, and in the frequency domain: `document.holdout` has its quality."""
+    """The prediction of the validation runs; none where none were given, and in the frequency domain: `document.validation_runs` has its quality."""
 
     # the fit of this process, or none of one that was read
     _made: _fdm.Fit | None

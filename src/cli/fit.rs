@@ -282,7 +282,7 @@ impl<'a> Task<'a> {
             beaten.for_each(|line| said.push_str(&format!("{line}\n")));
             text.push_str(&said);
             whole.push_str(&said);
-            document.holdout = Some(TimeDomain::of(&predicted));
+            document.validation_runs = Some(TimeDomain::of(&predicted));
         }
         let seed = matches!(self.options, Chosen::Output(_)).then_some(self.arguments.seed);
         let (starts, noise) = (self.arguments.starts as usize, self.options.noise());

@@ -359,7 +359,7 @@ impl Repeats {
         let colour = |tint: &NoiseColour| match tint {
             NoiseColour::White => Colour::White,
             NoiseColour::Fitted => Colour::Fitted,
-            NoiseColour::Ar1 => Colour::Lag,
+            NoiseColour::Ar1 => Colour::Ar1,
             NoiseColour::Pink => Colour::Pink,
         };
         self.noise_colour.iter().map(colour).collect()

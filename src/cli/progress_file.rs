@@ -155,8 +155,8 @@ impl Head {
         let seconds = |time: SystemTime| time.duration_since(UNIX_EPOCH).map_or(0.0, |d| d.as_secs_f64());
         let (command, model) = (crate::command_line(), self.model.clone());
         let manifest = ProgressManifest { command, model, model_file: self.model_file.clone() };
-        let (began, told) = (seconds(self.began.0), seconds(SystemTime::now()));
-        let progress = AtWork { doing, began, told, elapsed: self.began.1.elapsed().as_secs_f64(), left };
+        let (began, reported) = (seconds(self.began.0), seconds(SystemTime::now()));
+        let progress = AtWork { doing, began, reported, elapsed: self.began.1.elapsed().as_secs_f64(), left };
         // keys are texts, so that there is always a text
         to_text(&ProgressDocument::new(manifest, self.text.clone(), progress, result)).unwrap_or_default()
     }

@@ -33,10 +33,8 @@ pub struct BiasCorrection {
     /// The run that it belongs to; none when all runs share it.
     pub run: Option<String>,
     /// The maximum-likelihood value.
-    #[serde(rename = "likeliest")]
     pub maximum_likelihood: f64,
     /// How far from it the reported value is, in corrected standard errors.
-    #[serde(rename = "by")]
     pub standard_errors: f64,
 }
 
@@ -120,7 +118,6 @@ pub struct Estimate {
     #[serde(default)]
     pub degenerate: Vec<Degeneracy>,
     /// Biases by the noise of measured regressors that were removed.
-    #[serde(rename = "drawn")]
     pub bias_corrections: Vec<BiasCorrection>,
     /// What the data do not determine, nor a prior.
     pub undetermined: Vec<Direction>,

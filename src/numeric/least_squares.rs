@@ -222,7 +222,6 @@ pub struct Iteration {
 #[serde(rename_all = "snake_case")]
 pub enum Reason {
     /// The last step is below the tolerance, or its predicted gain is.
-    #[serde(rename = "small_correction")]
     SmallStep,
     /// What a step could still gain is lost in the rounding of the cost.
     Rounding,

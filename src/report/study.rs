@@ -183,7 +183,7 @@ fn colour(colour: Option<Colour>) -> &'static str {
         None => "the described",
         Some(Colour::White) => "white",
         Some(Colour::Fitted) => "fitted",
-        Some(Colour::Lag) => "lagged",
+        Some(Colour::Ar1) => "AR(1)",
         Some(Colour::Pink) => "pink",
     }
 }

@@ -81,8 +81,8 @@ fn runs_of_the_role_validation_are_predicted_in_time_too() {
     let rms = |found: &Value| found["outputs"][0]["rms"].as_f64().unwrap();
     for words in ["fit m.fdm", "fit f.fdm --method filter-error"] {
         let found = desk.json(&format!("{words} --runs runs.csv --out result --force --json -q"));
-        assert_eq!(found["holdout"]["outputs"][0]["run"], "four", "{words}");
-        let predicted = rms(&found["holdout"]);
+        assert_eq!(found["validation_runs"]["outputs"][0]["run"], "four", "{words}");
+        let predicted = rms(&found["validation_runs"]);
         assert!((0.04..0.07).contains(&predicted), "{words}: {predicted}");
         // as the command that does nothing else
         let validated = desk.json("validate --from-result result --runs runs.csv --json -q");
@@ -96,7 +96,7 @@ fn runs_of_the_role_validation_are_predicted_in_time_too() {
     desk.write("fitted.csv", table);
     let words = "fit m.fdm --runs fitted.csv --group make=B --known T0=310 --validation b2.csv --json -q";
     let found = desk.json(words);
-    assert_eq!(found["holdout"]["outputs"][0]["run"], "b2 (validation)");
+    assert_eq!(found["validation_runs"]["outputs"][0]["run"], "b2 (validation)");
     let said = desk.refused("fit m.fdm --runs fitted.csv --group make=B --known T0=310 --validation b1.csv");
     assert!(said.contains("b1.csv is both fitted and validation data"), "{said}");
     let said = desk.refused("fit m.fdm --runs runs.csv --method equation-error --validation b1.csv");

@@ -93,7 +93,7 @@ fn no_iterations_judge_the_start_values_at_once() {
     assert_eq!(start.status.code(), Some(1), "{}", said(&start));
     let result: serde_json::Value = serde_json::from_slice(&start.stdout).unwrap();
     assert_eq!(result["parameters"][0]["value"].as_f64(), Some(4.0));
-    assert_eq!((result["iterations"].as_u64(), result["rescue"].is_null()), (Some(0), true));
+    assert_eq!((result["iterations"].as_u64(), result["fallback"].is_null()), (Some(0), true));
     assert_eq!(said(&start).matches("iteration   0").count(), 1, "one evaluation: {}", said(&start));
 }
 

@@ -396,7 +396,7 @@ fn the_command_line_takes_every_strategy_and_says_what_came_of_it() {
     assert!(good && said.contains("failed (run `at_100_degC` diverges"), "{said}");
     let (good, said, _) = typed(model, data, &["--set", "alpha=-0.03", "--json"]);
     let json: serde_json::Value = serde_json::from_str(&said).unwrap();
-    assert!(good && json["rescue"]["by"] == "continuation" && json["by_length"].as_array().unwrap().len() > 2);
+    assert!(good && json["fallback"]["by"] == "continuation" && json["by_length"].as_array().unwrap().len() > 2);
     let (good, _, errors) = typed(model, data, &["--continuation", "20,10"]);
     assert!(!good && errors.contains("rising times"), "{errors}");
     let (good, _, errors) = typed(model, data, &["--substitute", "p"]);

@@ -52,7 +52,6 @@ pub struct EquationErrorFit {
     /// Parameters of the chosen solution.
     pub parameters: Vec<Regressed>,
     /// Parameters whose columns vanish in these data, so that nothing is said about them (constants at frequencies above zero).
-    #[serde(rename = "unseen")]
     pub not_identifiable: Vec<String>,
     /// The solutions with 1, 2, ... principal components.
     pub components: Vec<Component>,

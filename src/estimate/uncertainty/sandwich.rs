@@ -137,6 +137,7 @@ pub struct NoiseColour {
     /// Standard deviation of the innovations e.
     pub innovation: f64,
     /// Correlation of neighbouring samples.
+    #[serde(rename = "lag_one_correlation")]
     pub neighbours: f64,
 }
 

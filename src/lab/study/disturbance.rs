@@ -7,7 +7,7 @@ use fdm_numeric::random::Stream;
 use fdm_results::documents::study::Colour;
 use fdm_system::record::Run;
 
-/// Correlation of neighbours under [`Colour::Lag`].
+/// Correlation of neighbouring samples under [`Colour::Ar1`].
 pub(super) const NEIGHBOURS: f64 = 0.9;
 
 /// The colour at samples `dt` apart, where no fit says it.
@@ -15,7 +15,7 @@ pub(super) fn of_experiment(colour: Colour, dt: f64) -> Option<crate::experiment
     match colour {
         Colour::White => Some(crate::experiment::Colour::White),
         Colour::Fitted => None,
-        Colour::Lag => Some(crate::experiment::Colour::Lag(-dt / NEIGHBOURS.ln())),
+        Colour::Ar1 => Some(crate::experiment::Colour::Lag(-dt / NEIGHBOURS.ln())),
         Colour::Pink => Some(crate::experiment::Colour::Pink),
     }
 }
@@ -205,7 +205,7 @@ mod tests {
         let covariance = Symmetric { size: 2, values: vec![4.0, 1.5, 1.5, 1.0] };
         let mut chances = [Stream::named(1, &["a"]), Stream::named(1, &["b"])];
         let mixing = triangle(&covariance);
-        for (colour, neighbours) in [(Colour::White, 0.0), (Colour::Lag, NEIGHBOURS)] {
+        for (colour, neighbours) in [(Colour::White, 0.0), (Colour::Ar1, NEIGHBOURS)] {
             let colour = of_experiment(colour, 1.0).expect("of its own");
             let law = Law::Unit(Noise { deviation: 1.0, colour, ..Noise::default() });
             let noise = source(mixing.clone(), law).drawn(60_000, &mut chances);

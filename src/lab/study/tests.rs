@@ -119,8 +119,8 @@ fn noise_that_is_part_of_the_model_is_drawn_and_fitted_as_such() {
 #[test]
 fn errors_that_do_not_know_the_colour_are_found_out() {
     let (fit, runs, options) = fitted(Noise::Diagonal);
-    let bootstrap = Bootstrap::new(&fit, &runs, &options, (Colour::Lag, 3)).expect("possible");
-    let study = Study::of("line", (Some(Colour::Lag), 3), bootstrap.subjects(), &studied(&bootstrap, 100));
+    let bootstrap = Bootstrap::new(&fit, &runs, &options, (Colour::Ar1, 3)).expect("possible");
+    let study = Study::of("line", (Some(Colour::Ar1), 3), bootstrap.subjects(), &studied(&bootstrap, 100));
     let raw = study.parameters[1].interval(Kind::CramerRao).expect("printed");
     assert!(raw.ratio > 1.5 && raw.coverage.interval[1] < 0.9, "{raw:?}");
     assert!(study.parameters[1].interval(Kind::Corrected).is_some());

@@ -168,7 +168,7 @@ fn place(about: About) -> &'static str {
         | About::Bound
         | About::Few
         | About::Short
-        | About::Drawn
+        | About::Biased
         | About::Intervals
         | About::Prior => "parameters",
         About::Correlated => "correlations",

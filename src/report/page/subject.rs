@@ -206,7 +206,7 @@ impl Subject {
 
     /// The same of validation runs that were predicted.
     pub(super) fn predicted(&self) -> &[OutputDocument] {
-        self.fit().and_then(|fit| fit.holdout.as_ref()).map_or(&[], |predicted| &predicted.outputs)
+        self.fit().and_then(|fit| fit.validation_runs.as_ref()).map_or(&[], |predicted| &predicted.outputs)
     }
 
     /// The iteration.

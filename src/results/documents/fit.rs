@@ -42,12 +42,12 @@ pub struct FitDocument {
     pub message: String,
     /// Gauss-Newton steps that were made.
     pub iterations: usize,
-    /// What helped the iteration on.
-    pub aids: Vec<String>,
+    /// Fallback strategies of the iteration, in words.
+    pub iteration_fallbacks: Vec<String>,
     /// Simulations of all runs.
     pub evaluations: Evaluations,
-    /// Parameters whose bias by noise of measured regressors was taken off.
-    pub drawn_by_noise: Vec<BiasCorrection>,
+    /// Parameters whose bias by noise of measured regressors was removed (SIMEX).
+    pub bias_corrections: Vec<BiasCorrection>,
     /// Combinations that the data do not determine.
     pub undetermined: Vec<Direction>,
     /// Combinations that priors alone determine.
@@ -95,12 +95,12 @@ pub struct FitDocument {
     /// How each run was integrated; in the time domain.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub integration: Option<Vec<Integration>>,
-    /// What was done about start values that could not be used; likewise.
+    /// The fallback strategy where the fit from the start values went wrong; likewise.
     #[serde(default, deserialize_with = "present", skip_serializing_if = "Option::is_none")]
-    pub rescue: Option<Option<Recovery>>,
+    pub fallback: Option<Option<Recovery>>,
     /// The same in words.
     #[serde(default, deserialize_with = "present", skip_serializing_if = "Option::is_none")]
-    pub rescue_message: Option<Option<String>>,
+    pub fallback_message: Option<Option<String>>,
     /// What the record says of inputs about which nobody said how they go between samples.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub interpolations: Vec<InputInterpolation>,
@@ -132,9 +132,9 @@ pub struct FitDocument {
     /// Standard deviations of the measurement noise, of a filter.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub deviations: Option<Vec<ParameterEstimate>>,
-    /// Intensities that the records show nothing of, of a filter.
+    /// Intensities that are not identifiable from the records, of a filter.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub silent: Option<Vec<String>>,
+    pub not_identifiable: Option<Vec<String>>,
 
     /// What is particular to a fit of spectra.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -145,9 +145,9 @@ pub struct FitDocument {
     /// Initial states, biases and time histories behind a fit in the frequency domain.
     #[serde(default, deserialize_with = "present", skip_serializing_if = "Option::is_none")]
     pub time_domain: Option<Option<TimeDomain>>,
-    /// The same of runs that took no part.
+    /// The same of validation runs, which are predicted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub holdout: Option<TimeDomain>,
+    pub validation_runs: Option<TimeDomain>,
 
     /// The study of which this was the first fit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -333,8 +333,8 @@ impl FitDocument {
         let starts = (!fit.starts.is_empty()).then(|| fit.starts.iter().map(StartDocument::from).collect());
         let mut document = Self {
             integration: Some(integration.collect()),
-            rescue: Some(fit.rescue.clone()),
-            rescue_message: Some(fit.rescue.as_ref().map(ToString::to_string)),
+            fallback: Some(fit.rescue.clone()),
+            fallback_message: Some(fit.rescue.as_ref().map(ToString::to_string)),
             interpolations: fit.interpolations.clone(),
             substituted: Some(fit.substituted.clone()),
             shooting: Some(fit.shooting.clone()),
@@ -358,7 +358,7 @@ impl FitDocument {
         Self {
             method: Some("filter error".into()),
             deviations: Some(found.deviations.clone()),
-            silent: Some(found.silent.clone()),
+            not_identifiable: Some(found.silent.clone()),
             ..Self::of(&found.fit)
         }
     }
@@ -400,9 +400,9 @@ impl FitDocument {
             termination: Terminated::from(&e.termination),
             message: e.termination.to_string(),
             iterations: e.iterations,
-            aids: e.aids.iter().map(ToString::to_string).collect(),
+            iteration_fallbacks: e.aids.iter().map(ToString::to_string).collect(),
             evaluations: Evaluations { with_sensitivities: e.evaluations.0, without: e.evaluations.1 },
-            drawn_by_noise: e.bias_corrections.clone(),
+            bias_corrections: e.bias_corrections.clone(),
             undetermined: e.undetermined.clone(),
             determined_by_prior: e.determined_by_prior.clone(),
             covariance: Matrix::of(&e.covered, &e.covariance),
@@ -421,8 +421,8 @@ impl FitDocument {
             doubted_initials: None,
             first_cause: None,
             integration: None,
-            rescue: None,
-            rescue_message: None,
+            fallback: None,
+            fallback_message: None,
             interpolations: Vec::new(),
             substituted: None,
             shooting: None,
@@ -433,11 +433,11 @@ impl FitDocument {
             method: None,
             loss: None,
             deviations: None,
-            silent: None,
+            not_identifiable: None,
             frequency_domain: None,
             frequency_responses: None,
             time_domain: None,
-            holdout: None,
+            validation_runs: None,
             study: None,
             validation: None,
             modes: None,

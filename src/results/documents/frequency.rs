@@ -23,22 +23,22 @@ pub struct FrequencyDomain {
     /// Channels with long gaps, and what was done about them.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub bridged: Vec<BridgeDocument>,
-    /// End values of the states, found together with the parameters.
-    pub end_values: Vec<ParameterEstimate>,
-    /// Nonlinear terms computed from records: measured regressors.
-    pub known_inputs: Vec<KnownInput>,
+    /// End-point corrections: initial and final conditions of the states, found together with the parameters.
+    pub end_points: Vec<ParameterEstimate>,
+    /// Nonlinear terms that are measured regressors: computed from records.
+    pub measured_regressors: Vec<MeasuredRegressorDocument>,
     /// Where the model was linearised, when that matters.
     pub trim: Option<TrimValues>,
     /// What the estimation began with.
     pub first_values: Vec<FirstValueDocument>,
-    /// Free parameters that spectra do not show.
-    pub unseen: Vec<String>,
+    /// Free parameters that are not identifiable in this band.
+    pub not_identifiable: Vec<String>,
     /// Inputs without power in the band of any run.
-    pub silent_inputs: Vec<String>,
+    pub unexcited_inputs: Vec<String>,
     /// Outputs whose residuals are multiples of each other.
     pub dependent_outputs: Vec<String>,
     /// Unstable modes that no response shows.
-    pub hidden_modes: Vec<HiddenModeDocument>,
+    pub unobservable_or_uncontrollable_modes: Vec<UnobservableModeDocument>,
     /// Why a response could not be computed.
     pub unanswered: Option<String>,
     /// Why there are no time histories.
@@ -90,7 +90,7 @@ impl BridgeDocument {
 
 /// A nonlinear term that was computed from records.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct KnownInput {
+pub struct MeasuredRegressorDocument {
     /// As it stands in the equations.
     pub term: String,
     /// The equations.
@@ -131,7 +131,7 @@ impl From<&StartingValue> for FirstValueDocument {
 
 /// An unstable mode that no response shows.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct HiddenModeDocument {
+pub struct UnobservableModeDocument {
     /// Real part of the eigenvalue.
     pub re: f64,
     /// Imaginary part.
@@ -139,35 +139,41 @@ pub struct HiddenModeDocument {
     /// The states that dominate it.
     pub states: Vec<String>,
     /// Whether an output shows it.
-    pub shown: bool,
+    pub observable: bool,
     /// Whether an input moves it.
-    pub moved: bool,
+    pub controllable: bool,
 }
 
-impl HiddenModeDocument {
+impl UnobservableModeDocument {
     fn of(model: &Model, mode: &UnobservableMode) -> Self {
         let states = mode.states.iter().map(|k| model.definition().states[*k].quantity.name.clone()).collect();
-        Self { re: mode.s.re, im: mode.s.im, states, shown: mode.observable, moved: mode.controllable }
+        Self { re: mode.s.re, im: mode.s.im, states, observable: mode.observable, controllable: mode.controllable }
     }
 }
 
 impl FrequencyDomain {
     /// Of a fit of spectra.
     pub fn of(fit: &SpectralFit) -> Self {
-        let known = fit.measured_regressors.iter();
+        let regressors = fit.measured_regressors.iter();
         Self {
             band: fit.band,
             independent_frequencies: fit.independent,
             frequencies: fit.spectra.iter().map(|s| s.omega.len()).collect(),
             bridged: fit.bridged.iter().map(BridgeDocument::of).collect(),
-            end_values: fit.ends.clone(),
-            known_inputs: known.map(|t| KnownInput { term: t.text.clone(), equations: t.equations.clone() }).collect(),
+            end_points: fit.ends.clone(),
+            measured_regressors: regressors
+                .map(|t| MeasuredRegressorDocument { term: t.text.clone(), equations: t.equations.clone() })
+                .collect(),
             trim: fit.trim.as_ref().map(TrimValues::of),
             first_values: fit.starting_values.iter().map(FirstValueDocument::from).collect(),
-            unseen: fit.not_identifiable.clone(),
-            silent_inputs: fit.unexcited.clone(),
+            not_identifiable: fit.not_identifiable.clone(),
+            unexcited_inputs: fit.unexcited.clone(),
             dependent_outputs: fit.dependent.clone(),
-            hidden_modes: fit.unobservable.iter().map(|m| HiddenModeDocument::of(&fit.model, m)).collect(),
+            unobservable_or_uncontrollable_modes: fit
+                .unobservable
+                .iter()
+                .map(|m| UnobservableModeDocument::of(&fit.model, m))
+                .collect(),
             unanswered: fit.unanswered.as_ref().map(ToString::to_string),
             unfinished: fit.unfinished.as_ref().map(ToString::to_string),
         }
@@ -193,10 +199,10 @@ pub struct FrequencyResponses {
     pub trim: Option<TrimValues>,
     /// What the estimation began with.
     pub first_values: Vec<FirstValueDocument>,
-    /// Free parameters that frequency responses do not show.
-    pub unseen: Vec<String>,
+    /// Free parameters that are not identifiable in this band.
+    pub not_identifiable: Vec<String>,
     /// Unstable modes that no response shows.
-    pub hidden_modes: Vec<HiddenModeDocument>,
+    pub unobservable_or_uncontrollable_modes: Vec<UnobservableModeDocument>,
     /// Why a response could not be computed.
     pub unanswered: Option<String>,
     /// Why there are no time histories.
@@ -261,8 +267,12 @@ impl FrequencyResponses {
             sensitivities: fit.sensitivities.clone(),
             trim: fit.trim.as_ref().map(TrimValues::of),
             first_values: fit.starting_values.iter().map(FirstValueDocument::from).collect(),
-            unseen: fit.not_identifiable.clone(),
-            hidden_modes: fit.unobservable.iter().map(|m| HiddenModeDocument::of(&fit.model, m)).collect(),
+            not_identifiable: fit.not_identifiable.clone(),
+            unobservable_or_uncontrollable_modes: fit
+                .unobservable
+                .iter()
+                .map(|m| UnobservableModeDocument::of(&fit.model, m))
+                .collect(),
             unanswered: fit.unanswered.as_ref().map(ToString::to_string),
             unfinished: fit.unfinished.as_ref().map(ToString::to_string),
         }

@@ -43,8 +43,9 @@ pub use digits::{digits, digits_by_error, digits_of_end};
 pub use doctor::{DoctorDocument, JudgedRecords};
 pub use fit::{BandCoverage, Evaluations, FitDocument, Integration, Matrix, StartDocument, Terminated, Validation};
 pub use frequency::{
-    BridgeDocument, FirstValueDocument, FrequencyDomain, FrequencyResponses, HiddenModeDocument, KnownInput,
+    BridgeDocument, FirstValueDocument, FrequencyDomain, FrequencyResponses, MeasuredRegressorDocument,
     MultipleCoherence, Pair, ResponseNames, SpectraDocument, SpectraPair, TimeDomain, TrimValues,
+    UnobservableModeDocument,
 };
 pub use job::{CommandStatus, JobStatus, ShardAtWork, ShardStatus};
 pub use json::{from_text, to_text};

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 /// Says that a text is one of ours.
 const KIND: &str = "fdm progress";
 /// Changes when an older program could not read it any more.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
 
 /// What is told of work that goes on.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -45,8 +45,8 @@ pub struct AtWork {
     pub doing: String,
     /// When it began, in seconds since 1970.
     pub began: f64,
-    /// When this was told.
-    pub told: f64,
+    /// When this was reported.
+    pub reported: f64,
     /// Seconds at work.
     pub elapsed: f64,
     /// Seconds that are left, where that is known.

@@ -45,9 +45,9 @@ pub enum About {
     Intervals,
     /// Records too short to tell the colour of their noise.
     Short,
-    /// Parameters that noise in the equations had drawn.
-    Drawn,
-    /// Help that the iteration needed.
+    /// Parameters that noise of measured regressors biases.
+    Biased,
+    /// Fallback strategies of the iteration.
     Iteration,
     /// An output that is matched to rounding.
     NoNoise,
@@ -146,8 +146,8 @@ impl fmt::Display for Remark {
 const CORRELATED: f64 = 0.9;
 /// Standard error beside a value above which the value is not reliable (Tischler and Remple 2012, section 12.3.3: Cramer-Rao bounds of at most 20 %).
 const RELIABLE: f64 = 0.2;
-/// Standard errors that a parameter was drawn, worth a line.
-const DRAWN: f64 = 0.3;
+/// Bias that was removed, in standard errors, that is worth a line.
+const BIASED: f64 = 0.3;
 /// Most lines about pairs of parameters.
 const MOST_PAIRS: usize = 6;
 /// Part of the mean square residual that makes an offset worth a line.
@@ -175,8 +175,11 @@ pub fn estimate_remarks(estimate: &Estimate) -> Vec<Remark> {
     say(About::NotMeasured, not_measured(&estimate.outputs));
     say(About::Correlated, correlated(estimate));
     say(About::Bound, bounds(estimate));
-    say(About::Drawn, drawn(estimate));
-    say(About::Iteration, estimate.aids.iter().map(|aid| format!("the iteration needed help: {aid}")).collect());
+    say(About::Biased, biased(estimate));
+    say(
+        About::Iteration,
+        estimate.aids.iter().map(|aid| format!("fallback strategy of the iteration: {aid}")).collect(),
+    );
     let rounding = |o: &String| format!("`{o}` is matched to rounding: its noise and the standard errors mean nothing");
     say(About::NoNoise, estimate.noise_free.iter().map(rounding).collect());
     if estimate.noise_free.is_empty() {
@@ -231,19 +234,17 @@ fn not_measured(outputs: &[OutputFit]) -> Vec<String> {
     found.into_iter().map(line).collect()
 }
 
-/// Parameters that the noise of records in the equations had drawn far enough to be worth a line.
-fn drawn(estimate: &Estimate) -> Vec<String> {
-    let far = estimate.bias_corrections.iter().filter(|d| d.standard_errors.abs() > DRAWN);
+/// Parameters whose bias by noise of measured regressors is large enough to be worth a line.
+fn biased(estimate: &Estimate) -> Vec<String> {
+    let far = estimate.bias_corrections.iter().filter(|d| d.standard_errors.abs() > BIASED);
     let far: Vec<String> = far
-        .map(|d| format!("{} by {}", named(&d.name, d.run.as_deref()), digits(d.standard_errors.abs(), 2)))
+        .map(|d| format!("{} {} sigma", named(&d.name, d.run.as_deref()), digits(d.standard_errors.abs(), 2)))
         .collect();
     if far.is_empty() {
         return Vec::new();
     }
     let list = far.join(", ");
-    vec![format!(
-        "noise of records that stand in the equations had drawn {list} standard errors: that has been taken off"
-    )]
+    vec![format!("bias from measured-regressor noise removed: {list}")]
 }
 
 /// The same of a fit of spectra, and what records and measured regressors mean for it.

@@ -27,7 +27,7 @@ pub(crate) fn parameter(name: &str, run: Option<&str>, value: f64, errors: Optio
 pub(crate) fn fit(parameters: Vec<ParameterEstimate>) -> FitDocument {
     const TEXT: &str = r#"{"model": "m", "parameters": [], "cost": null, "termination": "converged", "message": "converged", "iterations": 3,
         "outputs": [{"name": "y", "run": "one", "unit": null, "rms": 1.0, "mean": null, "r2": null, "tic": 0.1, "tic_parts": null, "compared": 100}],
-        "aids": [], "evaluations": {"with_sensitivities": 4, "without": 0}, "drawn_by_noise": [], "undetermined": [],
+        "iteration_fallbacks": [], "evaluations": {"with_sensitivities": 4, "without": 0}, "bias_corrections": [], "undetermined": [],
         "determined_by_prior": [], "covariance": {"parameters": [], "values": []}, "correlations": {"parameters": [], "values": []},
         "corrected_covariance": {"parameters": [], "values": []}, "noise_colour": [], "uncorrected": null, "noise_covariance": null,
         "condition": null, "history": [], "remarks": []}"#;

@@ -14,8 +14,8 @@ pub enum Colour {
     White,
     /// As the residuals of the fit have it: an autoregression for each output.
     Fitted,
-    /// Neighbouring samples correlate by 0.9, and lags geometrically.
-    Lag,
+    /// AR(1) noise, rho = 0.9.
+    Ar1,
     /// Power falls as one over the frequency.
     Pink,
 }

@@ -16,8 +16,8 @@ pub(super) const NAME: &str = "manifest.json";
 const KIND: &str = "fdm result";
 /// The same for a diagnosis.
 const DIAGNOSIS: &str = "fdm diagnosis";
-/// Changes when an older program could not read a folder any more.
-pub(super) const FORMAT: u32 = 1;
+/// Changes when another program could not read a folder any more.
+pub(super) const FORMAT: u32 = 2;
 
 /// What a result was made from, and what its folder holds.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

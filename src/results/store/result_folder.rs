@@ -51,8 +51,8 @@ pub enum ResultError {
         /// The folder.
         folder: PathBuf,
     },
-    /// It was written by a newer program.
-    Newer {
+    /// It was written by a program with another format, older or newer.
+    OtherFormat {
         /// The folder.
         folder: PathBuf,
         /// Its format.
@@ -88,12 +88,14 @@ impl fmt::Display for ResultError {
             Self::Foreign { folder } => {
                 write!(f, "{} is not a result of fdm: it was not written by `--out`", folder.display())
             }
-            Self::Newer { folder, format } => write!(
-                f,
-                "{} was written by a newer fdm (format {format}, this program reads {})",
-                folder.display(),
-                manifest::FORMAT
-            ),
+            Self::OtherFormat { folder, format } => {
+                let (age, cure) = match *format > manifest::FORMAT {
+                    true => ("a newer", ""),
+                    false => ("an older", ": make it again with the command in its manifest.json"),
+                };
+                let (folder, own) = (folder.display(), manifest::FORMAT);
+                write!(f, "{folder} was written by {age} fdm (format {format}, this program reads {own}){cure}")
+            }
             Self::Changed { folder, files } => write!(
                 f,
                 "{}: changed or missing since it was written, and not to be trusted: {}",
@@ -212,8 +214,8 @@ fn manifest_of(folder: &Path, format: fn(&str) -> Option<u32>) -> Result<(String
         Err(e) => return Err(ResultError::Unreadable { reason: format!("{}: {}", folder.display(), reason(&e)) }),
     };
     let format = format(&text).ok_or_else(foreign)?;
-    if format > manifest::FORMAT {
-        return Err(ResultError::Newer { folder: folder.into(), format });
+    if format != manifest::FORMAT {
+        return Err(ResultError::OtherFormat { folder: folder.into(), format });
     }
     let manifest = serde_json::from_str::<Manifest>(&text).ok().filter(|m| m.is_whole(&text));
     let changed = || ResultError::Changed { folder: folder.into(), files: vec![manifest::NAME.into()] };
@@ -555,8 +557,11 @@ mod tests {
     }
 
     #[test]
-    fn newer_formats_are_told() {
+    fn other_formats_are_told() {
         let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join("manifest.json"), r#"{"kind": "fdm result", "format": 1, "old": []}"#).unwrap();
+        let said = ResultFolder::open(folder.path()).map(|_| ()).unwrap_err().to_string();
+        assert!(said.contains("an older fdm (format 1,"), "{said}");
         fs::write(folder.path().join("manifest.json"), r#"{"kind": "fdm result", "format": 99, "new": []}"#).unwrap();
         let said = ResultFolder::open(folder.path()).map(|_| ()).unwrap_err().to_string();
         assert!(said.contains("newer fdm (format 99"), "{said}");

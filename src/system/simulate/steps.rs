@@ -191,6 +191,7 @@ pub enum Scheme {
     RungeKutta,
     /// The exact solution of a linear model from node to node, as a recursion. A delayed input enters each step by its first
     /// three moments, so that several steps between samples can be worthwhile.
+    #[serde(rename = "exact_discretisation")]
     Recursion {
         /// Subsystems that do not influence each other.
         subsystems: usize,
@@ -220,9 +221,9 @@ impl fmt::Display for Scheme {
         match self {
             Self::RungeKutta => write!(f, "Runge-Kutta"),
             Self::Radau => write!(f, "Radau IIA"),
-            Self::Recursion { subsystems: 1 } => write!(f, "exact recursion (linear model)"),
+            Self::Recursion { subsystems: 1 } => write!(f, "exact discretisation (linear model)"),
             Self::Recursion { subsystems } => {
-                write!(f, "exact recursion (linear model, {subsystems} subsystems)")
+                write!(f, "exact discretisation (linear model, {subsystems} subsystems)")
             }
         }
     }
