@@ -3,7 +3,9 @@
 //! `cargo test --release --manifest-path studies/Cargo.toml --test studies goodman:: -- --ignored --nocapture`
 
 use fdm::Model;
-use fdm::estimate::{Changes, Continuation, Fit, FitOptions, Remedy, Settling, Shooting, by_confidence, fit};
+use fdm::estimate::{
+    Changes, Continuation, Fit, FitOptions, LengthSensitivity, RecoveryStrategy, Shooting, by_confidence, fit,
+};
 use fdm::record::Run;
 use fdm::simulate::Simulator;
 use rayon::prelude::*;
@@ -250,9 +252,9 @@ fn way(fit: &Fit) -> String {
         None => "plain".into(),
         Some(rescue) => match &rescue.by {
             None => "no rescue helped".into(),
-            Some(Remedy::Continuation) => "continuation".into(),
-            Some(Remedy::Substitution { .. }) => "substitution".into(),
-            Some(Remedy::Shooting { .. }) => "multiple shooting".into(),
+            Some(RecoveryStrategy::Continuation) => "continuation".into(),
+            Some(RecoveryStrategy::Substitution { .. }) => "substitution".into(),
+            Some(RecoveryStrategy::Shooting { .. }) => "multiple shooting".into(),
         },
     }
 }
@@ -336,7 +338,7 @@ fn t33() -> System {
     System::new("t33/model.fdm", &T33, (0..=94).map(|k| 0.05 * f64::from(k)).collect(), |_| Vec::new())
 }
 
-fn print_order(title: &str, order: &[Settling]) {
+fn print_order(title: &str, order: &[LengthSensitivity]) {
     println!("\n{title}");
     for s in order {
         let error = s.standard_error.map_or("-".into(), |e| format!("{e:.3e}"));
@@ -366,7 +368,7 @@ fn t33_table_4() {
         let options = FitOptions { confidence: true, ..t33.options(Vec::new()) };
         by_confidence(&fit(&t33.model, &[t33.noisy(0.02, seed)], &options, &mut ()).unwrap().by_length)
     };
-    let orders: Vec<Vec<Settling>> = (1..=100).into_par_iter().map(order).collect();
+    let orders: Vec<Vec<LengthSensitivity>> = (1..=100).into_par_iter().map(order).collect();
     let place = |name: &str| {
         let places = orders.iter().map(|o| o.iter().position(|s| s.name == name).unwrap() as f64 + 1.0);
         places.sum::<f64>() / orders.len() as f64

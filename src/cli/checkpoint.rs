@@ -3,7 +3,7 @@
 use crate::failure::{Failure, OrFailure, remark};
 use crate::methods::given;
 use clap::Args;
-use fdm_estimate::Keeper;
+use fdm_estimate::CheckpointStore;
 use fdm_lab::job::Memory;
 use fdm_results::store::{Checkpoint, Identity};
 use std::path::{Path, PathBuf};
@@ -74,7 +74,7 @@ fn open(folder: &Path, identity: &Identity, quiet: bool) -> Result<OpenCheckpoin
 }
 
 impl OpenCheckpoint {
-    pub(crate) fn keeper(&self) -> Option<&dyn Keeper> {
+    pub(crate) fn keeper(&self) -> Option<&dyn CheckpointStore> {
         match self {
             Self::None => None,
             Self::Folder(watched) => Some(watched),
@@ -95,7 +95,7 @@ impl OpenCheckpoint {
     }
 }
 
-impl Keeper for Watched {
+impl CheckpointStore for Watched {
     fn keep(&self, name: &str, state: &[u8]) -> Result<(), String> {
         let kept = self.checkpoint.keep(name, state);
         match &kept {

@@ -15,8 +15,8 @@ use crate::tasks::{Visit, WholeCommand};
 use clap::Args;
 use fdm_estimate::residuals::Baseline;
 use fdm_estimate::{
-    BestOptions, Changes, Estimate, FilterFit, Fit, FitOptions, IntegrationFault, Keeper, Loss, MultiStart, Noise,
-    ResponseFit, ResponseOptions, SpectralFit, SpectralOptions, Termination, best_iterate, changed, fit_filter,
+    BestOptions, Changes, CheckpointStore, Estimate, FilterFit, Fit, FitOptions, IntegrationFault, Loss, MultiStart,
+    Noise, ResponseFit, ResponseOptions, SpectralFit, SpectralOptions, Termination, best_iterate, changed, fit_filter,
     fit_kept, fit_responses, fit_spectra, start_search,
 };
 use fdm_lab::job;
@@ -256,7 +256,7 @@ impl<'a> Task<'a> {
         &self,
         model: &Model,
         runs: &[Run],
-        keeper: Option<&dyn Keeper>,
+        keeper: Option<&dyn CheckpointStore>,
         progress: &mut Progress,
     ) -> Result<Found, Failure> {
         self.options.fit(model, runs, keeper, progress)
@@ -400,7 +400,7 @@ impl Chosen {
         &self,
         model: &Model,
         runs: &[Run],
-        keeper: Option<&dyn Keeper>,
+        keeper: Option<&dyn CheckpointStore>,
         progress: &mut Progress,
     ) -> Result<Found, Failure> {
         match self {

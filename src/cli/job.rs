@@ -11,7 +11,7 @@ use crate::tasks::{Visit, said};
 use crate::trust::{refuse_liberties, typed_only};
 use crate::{Verb, campaign, diagnose, fit, paths, profile, reproduce, study};
 use clap::{Arg, FromArgMatches};
-use fdm_estimate::Keeper;
+use fdm_estimate::CheckpointStore;
 use fdm_lab::job::{Memory, Plan};
 use fdm_results::store::{Identity, Provenance, TaskResults, program_fingerprint, read_input_text};
 use std::collections::BTreeMap;
@@ -75,7 +75,7 @@ impl Command {
     }
 
     /// Makes ready what the tasks have in common, and shows them.
-    pub(crate) fn tasks(&self, states: &dyn Keeper, halt: &Halt, visit: Visit<'_>) -> Result<(), Failure> {
+    pub(crate) fn tasks(&self, states: &dyn CheckpointStore, halt: &Halt, visit: Visit<'_>) -> Result<(), Failure> {
         match self {
             Self::Fit(a) => a.tasks(halt, visit),
             Self::Study(a) => a.tasks(states, halt, visit),

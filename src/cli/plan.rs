@@ -5,7 +5,7 @@ use crate::failure::{Ending, Failure, OrFailure, ended, print, remark};
 use crate::job::{Command, completed, read_job};
 use crate::progress::Progress;
 use clap::Args;
-use fdm_estimate::Keeper;
+use fdm_estimate::CheckpointStore;
 use fdm_lab::job::{Memory, Plan, PlannedCommand};
 use fdm_report::page::duration;
 use fdm_results::store::{program_fingerprint, read_input, write_file};
@@ -123,7 +123,7 @@ fn planned(
     let (states, halt) = (Memory::default(), progress.halt());
     let (mut found, mut seconds) = (None, None);
     command
-        .tasks(&states as &dyn Keeper, &halt, &mut |work, identity| {
+        .tasks(&states as &dyn CheckpointStore, &halt, &mut |work, identity| {
             found = Some(PlannedCommand::new(&name, &words, work, identity));
             if timed {
                 progress.say("doing one task, to see how long it takes");

@@ -12,7 +12,7 @@ use crate::progress::Progress;
 use crate::progress_file::Course;
 use crate::tasks::Visit;
 use clap::Args;
-use fdm_estimate::{Fit, FitOptions, Keeper, Options, Status, fit_kept};
+use fdm_estimate::{CheckpointStore, Fit, FitOptions, Options, Status, fit_kept};
 use fdm_lab::job;
 use fdm_lab::study::{End, Profile, Profiler, StudyError};
 use fdm_report::page::profile_page;
@@ -84,7 +84,7 @@ pub(crate) struct Profiled {
 impl Arguments {
     pub(crate) fn work(&self, model: &Model, runs: &[Run], progress: &mut Progress) -> Result<Profiled, Failure> {
         let options = self.options(model)?;
-        let done = self.done.as_deref().map(|done| done as &dyn Keeper);
+        let done = self.done.as_deref().map(|done| done as &dyn CheckpointStore);
         let found = fit_kept(model, runs, &options, done, progress).or_failure()?;
         let halt = progress.halt();
         let goes_on = move || halt.goes_on();
@@ -126,7 +126,7 @@ impl Arguments {
     }
 
     /// Makes ready what the profiles have in common, and shows their sides as tasks; `states` keeps the fit.
-    pub(crate) fn tasks(&self, states: &dyn Keeper, halt: &Halt, visit: Visit<'_>) -> Result<(), Failure> {
+    pub(crate) fn tasks(&self, states: &dyn CheckpointStore, halt: &Halt, visit: Visit<'_>) -> Result<(), Failure> {
         let model = self.model.load_for(&self.records)?;
         self.are_known(&model)?;
         let runs = self.records.read(&model, true)?.runs;

@@ -11,7 +11,7 @@ use crate::progress::{Progress, RepeatProgress};
 use crate::progress_file::Course;
 use crate::tasks::Visit;
 use clap::Args;
-use fdm_estimate::{Fit, FitOptions, Keeper, Options, fit_kept};
+use fdm_estimate::{CheckpointStore, Fit, FitOptions, Options, fit_kept};
 use fdm_lab::job;
 use fdm_lab::posterior::{Calibration, Posterior, Ranks, SampleError, Sampling, calibrated, sample};
 use fdm_lab::requirement::Draws;
@@ -133,7 +133,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
 
 impl Arguments {
     /// Makes ready what the repeats have in common, and shows them as tasks; `states` keeps the fit that is repeated.
-    pub(crate) fn tasks(&self, states: &dyn Keeper, halt: &Halt, visit: Visit<'_>) -> Result<(), Failure> {
+    pub(crate) fn tasks(&self, states: &dyn CheckpointStore, halt: &Halt, visit: Visit<'_>) -> Result<(), Failure> {
         if self.calibration {
             return Err(Failure::input(["--calibration is not cut into tasks; run it as one command"]));
         }

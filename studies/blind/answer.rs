@@ -151,7 +151,8 @@ mod tests {
         let answer = Answer::read(text).unwrap();
         assert_eq!(answer.causes[0].place.to_string(), "input_delay(de)");
         assert_eq!((answer.causes[0].group.len(), answer.causes[0].parameters[0].1), (2, 0.2));
-        for (from, to) in [("effect_found", "perhaps"), ("0.001, \"causes\"", "2, \"causes\""), ("\"lack_of_fit\"", "\"x\"")]
+        for (from, to) in
+            [("effect_found", "perhaps"), ("0.001, \"causes\"", "2, \"causes\""), ("\"lack_of_fit\"", "\"x\"")]
         {
             assert!(Answer::read(&text.replacen(from, to, 1)).is_err(), "{to}");
         }

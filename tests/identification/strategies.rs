@@ -2,7 +2,7 @@
 
 use fdm::Model;
 use fdm::estimate::{
-    Changes, Continuation, Fit, FitOptions, Options, Remedy, Shooting, Termination, by_confidence, fit,
+    Changes, Continuation, Fit, FitOptions, Options, RecoveryStrategy, Shooting, Termination, by_confidence, fit,
 };
 use fdm::record::Run;
 use fdm::simulate::Simulator;
@@ -185,7 +185,7 @@ fn a_start_that_diverges_is_rescued_and_that_is_said() {
     let auto = fitted(&model, &run, &start, FitOptions::default());
     check(&auto, &TAKEN_UP, 1e-6);
     let rescue = auto.rescue.unwrap();
-    assert_eq!(rescue.by, Some(Remedy::Continuation));
+    assert_eq!(rescue.by, Some(RecoveryStrategy::Continuation));
     let said = rescue.to_string();
     assert!(said.contains("already at the start values") && said.contains("short record first"), "{said}");
     assert!(auto.by_length.len() > 2, "estimates by length are kept");
@@ -202,7 +202,7 @@ fn a_start_that_diverges_is_rescued_and_that_is_said() {
     // not even from the first sample to the second
     let auto = fitted(&model, &run, &[("alpha", -0.05)], FitOptions::default());
     check(&auto, &TAKEN_UP, 1e-6);
-    assert_eq!(auto.rescue.unwrap().by, Some(Remedy::Substitution { states: vec!["q".into()] }));
+    assert_eq!(auto.rescue.unwrap().by, Some(RecoveryStrategy::Substitution { states: vec!["q".into()] }));
 }
 
 #[test]
@@ -221,7 +221,7 @@ fn a_ship_from_a_start_that_leads_the_plain_correction_astray() {
     assert!((value(&plain, "C9", None) / -3.97e-3 - 1.0).abs() > 0.1, "the plain correction finds it");
     let auto = with(FitOptions::default());
     check(&auto, &truth, 1e-6);
-    assert_eq!(auto.rescue.unwrap().by, Some(Remedy::Continuation));
+    assert_eq!(auto.rescue.unwrap().by, Some(RecoveryStrategy::Continuation));
     let continuation = "8".parse().unwrap();
     check(&with(FitOptions { continuation, ..never() }), &truth, 1e-6);
     check(&with(FitOptions { substitute: vec!["all".into()], ..never() }), &truth, 1e-6);

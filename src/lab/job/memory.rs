@@ -1,6 +1,6 @@
 //! What work keeps, in memory: states to go on from, and results of tasks that were done elsewhere.
 
-use fdm_estimate::Keeper;
+use fdm_estimate::CheckpointStore;
 use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
 
@@ -20,7 +20,7 @@ impl Memory {
     }
 }
 
-impl Keeper for Memory {
+impl CheckpointStore for Memory {
     fn keep(&self, name: &str, state: &[u8]) -> Result<(), String> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).insert(name.to_string(), state.to_vec());
         Ok(())

@@ -4,8 +4,8 @@
 use super::bootstrap::reached;
 use super::study_error::StudyError;
 use fdm_estimate::{
-    Changes, Continuation, Estimate, Fit, FitOptions, Iteration, Keeper, MultiStart, ParameterEstimate, SharedSteps,
-    Status, fit_from, quantile,
+    Changes, CheckpointStore, Continuation, Estimate, Fit, FitOptions, Iteration, MultiStart, ParameterEstimate,
+    SharedSteps, Status, fit_from, quantile,
 };
 use fdm_results::documents::profile::{End, Point, Profile, reach};
 use fdm_system::Model;
@@ -171,7 +171,7 @@ impl<'a> Profiler<'a> {
     ///
     /// # Errors
     /// As [`Self::of`].
-    pub fn of_kept(&self, name: &str, keeper: Option<&dyn Keeper>) -> Result<Profile, StudyError> {
+    pub fn of_kept(&self, name: &str, keeper: Option<&dyn CheckpointStore>) -> Result<Profile, StudyError> {
         let subject = self.subject(name)?;
         let side = |side: &Side| {
             let kept = keeper.and_then(|k| k.find(&side.of(name)).ok().flatten());

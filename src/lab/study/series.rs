@@ -3,7 +3,7 @@
 //! Every repeat draws from a stream of its own, so that its numbers depend on its place alone: not on threads, on the order in which
 //! repeats end, or on how often the series was interrupted.
 
-use fdm_estimate::Keeper;
+use fdm_estimate::CheckpointStore;
 use fdm_results::documents::study::Repeat;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -45,7 +45,7 @@ const SHARE: u32 = 20;
 /// the end was interrupted.
 pub fn series(
     count: usize,
-    keeper: Option<&dyn Keeper>,
+    keeper: Option<&dyn CheckpointStore>,
     watch: &dyn Watch,
     once: &(dyn Fn(u64) -> Option<Repeat> + Sync),
 ) -> Vec<Option<Repeat>> {
@@ -66,7 +66,7 @@ pub fn series(
 
 /// Repeats that have ended.
 struct Shelf<'k> {
-    keeper: Option<&'k dyn Keeper>,
+    keeper: Option<&'k dyn CheckpointStore>,
     state: Mutex<State>,
     count: usize,
 }
@@ -80,7 +80,7 @@ struct State {
 }
 
 impl<'k> Shelf<'k> {
-    fn open(count: usize, keeper: Option<&'k dyn Keeper>) -> Self {
+    fn open(count: usize, keeper: Option<&'k dyn CheckpointStore>) -> Self {
         // what cannot be read is computed anew, and the keeper tells
         let bytes = keeper.and_then(|k| k.find(REPEATS).ok().flatten());
         let repeats: BTreeMap<u64, Repeat> = bytes.and_then(|b| postcard::from_bytes(&b).ok()).unwrap_or_default();

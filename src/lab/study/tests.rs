@@ -190,7 +190,7 @@ fn what_cannot_be_repeated_is_said() {
 #[derive(Default)]
 struct Memory(std::sync::Mutex<Option<Vec<u8>>>);
 
-impl fdm_estimate::Keeper for Memory {
+impl fdm_estimate::CheckpointStore for Memory {
     fn keep(&self, _: &str, state: &[u8]) -> Result<(), String> {
         *self.0.lock().expect("not poisoned") = Some(state.to_vec());
         Ok(())

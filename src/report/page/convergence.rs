@@ -4,7 +4,7 @@ use super::figure::{Figure, Look, Mark, Panel, Shape};
 use super::number::{bracketed, shown, text};
 use super::section::Section;
 use super::subject::{Subject, called};
-use fdm_estimate::{Iteration, LengthFit, ParameterEstimate, Settling};
+use fdm_estimate::{Iteration, LengthFit, LengthSensitivity, ParameterEstimate};
 use maud::html;
 
 /// Parameters whose course is drawn.
@@ -98,7 +98,7 @@ fn courses(subject: &Subject) -> Vec<Figure> {
     confidence.iter().take(DRAWN).enumerate().map(|(k, c)| course(k, c, lengths, &time)).collect()
 }
 
-fn course(k: usize, of: &Settling, lengths: &[LengthFit], time: &str) -> Figure {
+fn course(k: usize, of: &LengthSensitivity, lengths: &[LengthFit], time: &str) -> Figure {
     let same = |p: &&ParameterEstimate| p.name == of.name && p.run == of.run;
     let found: Vec<Option<&ParameterEstimate>> = lengths.iter().map(|l| l.parameters.iter().find(same)).collect();
     let number = |of: fn(&ParameterEstimate) -> Option<f64>| -> Vec<f64> {

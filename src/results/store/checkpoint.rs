@@ -3,7 +3,7 @@
 use super::disk::{Disk, disk, reason};
 use super::generations::Generations;
 use super::identity::{Difference, Identity};
-use fdm_estimate::Keeper;
+use fdm_estimate::CheckpointStore;
 use std::fmt;
 use std::fs::{self, File, TryLockError};
 use std::io;
@@ -166,7 +166,7 @@ impl Checkpoint {
     }
 }
 
-impl Keeper for Checkpoint {
+impl CheckpointStore for Checkpoint {
     fn keep(&self, name: &str, state: &[u8]) -> Result<(), String> {
         let kept = self.kept.keep(name, state);
         self.told().failure = kept.clone().err();
