@@ -88,21 +88,40 @@ pub struct Segments {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
-    /// Output error in the time domain.
+    /// Output error, in time or in frequency.
     #[default]
-    Oe,
-    /// Maximum likelihood in the frequency domain.
-    Fd,
+    OutputError,
     /// Frequency responses from sweeps.
-    Fr,
+    FrequencyResponse,
     /// Filter error.
-    Fe,
+    FilterError,
     /// Recursive least squares, and the best of its iterates.
-    Rls,
+    RecursiveLeastSquares,
     /// Equation error.
-    Regress,
+    EquationError,
     /// Nothing is estimated: eigenvalues of the model as it stands.
     Modes,
+}
+
+/// Where output error compares model and records.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Domain {
+    /// Samples in time.
+    Time,
+    /// Spectra of the records.
+    Frequency,
+}
+
+/// Where a fit of spectra begins.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum StartValues {
+    /// At the start values of the model.
+    Model,
+    /// At equation-error estimates.
+    #[default]
+    EquationError,
 }
 
 /// A step of the evaluation.
@@ -117,6 +136,8 @@ pub struct Stage {
     pub records: Vec<String>,
     /// How.
     pub method: Method,
+    /// Where output error compares: in time when not given.
+    pub domain: Option<Domain>,
     /// All start values are off by this part of the truth, up and down in turn.
     pub off: f64,
     /// Other start values.
@@ -139,29 +160,29 @@ pub struct Stage {
     pub window: Option<[f64; 2]>,
     /// Whether the full covariance of the noise is estimated.
     pub full_noise: bool,
-    /// Frequencies in cycles per unit of time, for `fd` and `regress`.
+    /// Frequencies in cycles per unit of time, for spectra and equation error.
     pub band: Option<[f64; 2]>,
     /// Their distance; the record's own when not given.
     pub df: Option<f64>,
-    /// End terms: `free`, `known` or `none`.
-    pub ends: Option<String>,
-    /// Nonlinear terms: `carry` or `linearise`.
+    /// End-point corrections: `free`, `known` or `none`.
+    pub end_points: Option<String>,
+    /// Nonlinear terms: `measured-regressors` or `linearise`.
     pub nonlinear: Option<String>,
-    /// Standard deviations of the noise of recorded inputs, for `fd`.
+    /// Standard deviations of the noise of recorded inputs, for spectra.
     pub input_noise: BTreeMap<String, f64>,
-    /// `fd` begins with the start values, not with those of equation error.
-    pub own_values: bool,
-    /// Principal components of `regress`: `auto`, `level` or a number.
+    /// Where a fit of spectra begins.
+    pub start_values: StartValues,
+    /// Principal components of equation error: `auto`, `level` or a number.
     pub components: Option<String>,
-    /// Samples in the window by which `regress` takes rates.
+    /// Samples in the window by which equation error takes rates.
     pub smooth: Option<usize>,
-    /// Weight of a step of `rls` relative to the one behind it.
+    /// Weight of a sample of recursive least squares relative to the one behind it.
     pub forgetting: Option<f64>,
-    /// Cut-off of a low-pass without phase before `rls`, in cycles per unit of time.
+    /// Cut-off of a low-pass without phase before recursive least squares, in cycles per unit of time.
     pub lowpass: Option<f64>,
-    /// Samples of the polynomial that smooths records before `rls`.
+    /// Samples of the polynomial that smooths records before recursive least squares.
     pub polynomial: Option<usize>,
-    /// Length of the parts that are simulated to find the best iterate of `rls`, each from initial values of its own.
+    /// Length of the parts that are simulated to find the best iterate of recursive least squares, each from initial values of its own.
     pub restart: Option<f64>,
     /// States whose records take their place in a first fit.
     pub substitute: Vec<String>,
@@ -225,8 +246,8 @@ pub struct Says {
     pub determined: Vec<String>,
     /// Parameters that are off the truth by more than three errors.
     pub biased: Vec<String>,
-    /// A combination that cannot be seen: it has these parameters.
-    pub unseen: Vec<Vec<String>>,
+    /// A combination that is not identifiable: it has these parameters.
+    pub not_identifiable: Vec<Vec<String>>,
     /// A combination that is known worse than to its own size: these parameters stand in it.
     pub weak: Vec<Vec<String>>,
     /// Groups of parameters in the order of confidence.

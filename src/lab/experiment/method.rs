@@ -1,6 +1,6 @@
 //! A description's words as options of the rooms that estimate.
 
-use super::description::Stage;
+use super::description::{Stage, StartValues};
 use super::experiment_error::Fault;
 use super::setting::Setting;
 use fdm_estimate::equation_error::{
@@ -54,16 +54,18 @@ impl Stage {
     /// Options of a fit in the frequency domain; with a finish in the time domain where its figures are asked for.
     pub(super) fn in_frequency(&self, setting: &Setting) -> Result<SpectralOptions, Fault> {
         let ends = [("free", EndTerms::Unknown), ("known", EndTerms::Known), ("none", EndTerms::Omitted)];
-        let nonlinear = [("carry", Nonlinear::MeasuredRegressors), ("linearise", Nonlinear::Linearised)];
+        let nonlinear = [("measured-regressors", Nonlinear::MeasuredRegressors), ("linearise", Nonlinear::Linearised)];
         let of_time = |name: &String| ["rms(", "r2(", "tic("].iter().any(|kind| name.starts_with(kind));
         Ok(SpectralOptions {
             changes: setting.changes.clone(),
             options: self.estimation(),
             frequencies: self.frequencies(),
-            ends: self.word(self.ends.as_deref(), "`free`, `known`, `none`", &ends)?.unwrap_or(EndTerms::Unknown),
-            nonlinear: self.word(self.nonlinear.as_deref(), "`carry`, `linearise`", &nonlinear)?.unwrap_or_default(),
+            ends: self.word(self.end_points.as_deref(), "`free`, `known`, `none`", &ends)?.unwrap_or(EndTerms::Unknown),
+            nonlinear: self
+                .word(self.nonlinear.as_deref(), "`measured-regressors`, `linearise`", &nonlinear)?
+                .unwrap_or_default(),
             input_noise: self.input_noise.iter().map(|(name, deviation)| (name.clone(), *deviation)).collect(),
-            regressed: !self.own_values,
+            regressed: self.start_values == StartValues::EquationError,
             finish: self.expected.keys().any(of_time),
         })
     }

@@ -1,6 +1,6 @@
 //! The steps of an experiment whose estimates have a truth, again and again with other noise.
 
-use super::description::{Experiment, Method, Stage};
+use super::description::{Domain, Experiment, Method, Stage};
 use super::evaluation::evaluated;
 use super::experiment_error::ExperimentError;
 use super::noise::Colour;
@@ -52,7 +52,7 @@ impl Stage {
             noise == Some(true)
         };
         let names = self.taken(experiment);
-        matches!(self.method, Method::Oe | Method::Fd | Method::Fr | Method::Fe)
+        matches!(self.method, Method::OutputError | Method::FrequencyResponse | Method::FilterError)
             && self.compared != Some(false)
             && !self.says.astray
             && self.says.biased.is_empty()
@@ -134,7 +134,8 @@ fn answer(stage: &Stage, setting: &Setting, found: &Found) -> StageAnswer {
 pub fn measured_stages(experiment: &Experiment, thin: bool) -> Result<Vec<MeasuredStage>, ExperimentError> {
     let measured = |stage: &&Stage| {
         let names = stage.taken(experiment);
-        stage.method == Method::Oe
+        stage.method == Method::OutputError
+            && stage.domain != Some(Domain::Frequency)
             && !(thin && stage.long)
             && stage.held.is_empty()
             && stage.from.is_none()

@@ -182,7 +182,7 @@ impl Setting {
         };
         let says = &stage.says;
         let lists = [&stage.fix, &stage.free, &stage.except, &says.undetermined, &says.determined, &says.biased];
-        let flat = says.unseen.iter().chain(&says.weak).chain(&says.order).flatten();
+        let flat = says.not_identifiable.iter().chain(&says.weak).chain(&says.order).flatten();
         let held = stage.held.values().flatten();
         let named = lists.into_iter().flatten().chain(flat).chain(held).chain(stage.set.keys());
         let place = || format!("step `{}`", stage.name);

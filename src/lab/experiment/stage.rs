@@ -1,6 +1,6 @@
 //! A step of the evaluation: its estimation is run, and what came out is collected under the names by which it can be expected.
 
-use super::description::{Method, Stage};
+use super::description::{Domain, Method, Stage};
 use super::experiment_error::Fault;
 use super::setting::Setting;
 use super::weakest::Weakest;
@@ -68,14 +68,19 @@ impl Found {
 /// # Errors
 /// [`Fault`] for words that it does not have; a fit that fails is [`Found::astray`].
 pub(super) fn run(stage: &Stage, setting: &Setting) -> Result<Found, Fault> {
-    match stage.method {
-        Method::Oe => Ok(in_time(stage, setting)),
-        Method::Fd => in_frequency(stage, setting),
-        Method::Fr => Ok(by_responses(stage, setting)),
-        Method::Fe => Ok(by_filter(stage, setting)),
-        Method::Rls => Ok(recursively(stage, setting)),
-        Method::Regress => by_regression(stage, setting),
-        Method::Modes => Ok(modes(setting)),
+    match (stage.method, stage.domain) {
+        (Method::OutputError, Some(Domain::Frequency)) => in_frequency(stage, setting),
+        (Method::OutputError, _) => Ok(in_time(stage, setting)),
+        (_, Some(_)) => Err(Fault::Word {
+            place: format!("step `{}`", stage.name),
+            word: "domain".into(),
+            wanted: "the words of this method: it belongs to `output-error`",
+        }),
+        (Method::FrequencyResponse, None) => Ok(by_responses(stage, setting)),
+        (Method::FilterError, None) => Ok(by_filter(stage, setting)),
+        (Method::RecursiveLeastSquares, None) => Ok(recursively(stage, setting)),
+        (Method::EquationError, None) => by_regression(stage, setting),
+        (Method::Modes, None) => Ok(modes(setting)),
     }
 }
 

@@ -200,7 +200,7 @@ fn statements_are_judged_by_errors() {
     let text = "title = 't'\nsource = 's'\n[[record]]\nname = 'r'\ntruth = 'm.fdm'\ndt = 0.1\nduration = 10\nnoise.y = 0.05\n\
         inputs.u = [{ form = 'step', at = 1, height = 1 }]\n[[step]]\nname = 's'\nmodel = 'm.fdm'\nexcept = ['none']\n\
         says = { undetermined = ['none', 'k'], determined = ['k', 'none'], weak = [['none']] }\n\
-        [[step]]\nname = 'double'\nmodel = 'double.fdm'\nsays.unseen = [['a', 'b']]\n";
+        [[step]]\nname = 'double'\nmodel = 'double.fdm'\nsays.not_identifiable = [['a', 'b']]\n";
     let model = "model m { input u; state x; param k = 2, none = 0; der(x) = u - k*x; output y = x + none*u^2*t/100; }";
     let double = "model d { input u; state x; param k = 2, a = 1, b = 1; der(x) = a*b*u - k*x; output y = x; }";
     let folder = folder(text, &[("m.fdm", model), ("double.fdm", double)]);
@@ -214,7 +214,7 @@ fn statements_are_judged_by_errors() {
     let both: Vec<bool> =
         outcome.checks.iter().filter(|c| c.what == "none" && c.expected == "determined").map(|c| c.passed).collect();
     assert_eq!(both, [false]);
-    assert!(passed("a combination of a, b", "what cannot be seen"));
+    assert!(passed("a combination of a, b", "what is not identifiable"));
 }
 
 #[test]
@@ -234,14 +234,15 @@ fn mistakes_are_told_with_their_place_and_the_nearest_name() {
     let other = "model other { input u; state v; param c = -1, b = 2; der(v) = c*v + b*u; output rate = v; }";
     let held = folder(
         &format!(
-            "{LOOP}[[step]]\nname = 'first'\nmodel = 'other.fdm'\nmethod = 'regress'\n[[step]]\nname = 's'\nmodel = 'plant.fdm'\nheld = {{ first = ['a', 'b'] }}\n"
+            "{LOOP}[[step]]\nname = 'first'\nmodel = 'other.fdm'\nmethod = 'equation-error'\n[[step]]\nname = 's'\nmodel = 'plant.fdm'\nheld = {{ first = ['a', 'b'] }}\n"
         ),
         &[("plant.fdm", PLANT), ("pid.fdm", CONTROLLER), ("other.fdm", other)],
     );
     let said = reproduce(&read_as_test(&held), false).expect_err("nothing to hold");
     assert!(said.to_string().contains("there is no earlier parameter `a`"), "{said}");
     assert!(step("fix = ['aa']").contains("did you mean `a`?"));
-    assert!(step("method = 'fd'\nends = 'fre'").contains("`free`, `known`, `none`"));
+    assert!(step("domain = 'frequency'\nend_points = 'fre'").contains("`free`, `known`, `none`"));
+    assert!(step("method = 'filter-error'\ndomain = 'time'").contains("it belongs to `output-error`"));
     let flown =
         |from: &str, to: &str| told(&format!("{}[[step]]\nname = 's'\nmodel = 'plant.fdm'\n", LOOP.replace(from, to)));
     assert!(flown("noise.y ", "noise.raet ").contains("did you mean `rate`?"));

@@ -207,7 +207,7 @@ fn statements(stage: &Stage, setting: &Setting, found: &Found) -> Vec<Check> {
         let got = off.map_or("no error".into(), |z| format!("{} errors off the truth", short(z)));
         checks.push(said(stage, name, "biased".into(), got, off.is_some_and(|z| z.abs() > BIASED)));
     }
-    for names in &says.unseen {
+    for names in &says.not_identifiable {
         let has = |moves: &[(String, f64)]| names.iter().all(|n| moves.iter().any(|(own, _)| own == n));
         let direction = found.directions.iter().find(|d| has(&d.moves));
         let got = match (direction, found.directions.first()) {
@@ -215,7 +215,7 @@ fn statements(stage: &Stage, setting: &Setting, found: &Found) -> Vec<Check> {
             (None, None) => "every combination is determined".into(),
         };
         let expected = format!("a combination of {} is not determined", names.join(", "));
-        checks.push(said(stage, "what cannot be seen", expected, got, direction.is_some()));
+        checks.push(said(stage, "what is not identifiable", expected, got, direction.is_some()));
     }
     checks.extend(says.weak.iter().map(|names| weak(stage, found, names)));
     checks.extend(order(stage, found));
