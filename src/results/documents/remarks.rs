@@ -77,7 +77,7 @@ impl About {
             Self::Offset => 3,
             Self::Input | Self::InterpolationUnknown => 4,
             Self::Colour | Self::Noise => 5,
-            Self::Drawn | Self::Intervals => 6,
+            Self::Biased | Self::Intervals => 6,
             Self::Correlated => 7,
             Self::Prior | Self::Table => 8,
             Self::Iteration => 9,
@@ -112,7 +112,7 @@ impl About {
             | Self::Few
             | Self::Short
             | Self::Intervals
-            | Self::Drawn
+            | Self::Biased
             | Self::Colour
             | Self::Noise
             | Self::Untested
