@@ -197,7 +197,7 @@ fn climb(a: &mut Vec<f64>, reflection: f64) {
 const MOST_ORDER: usize = 60;
 /// Samples for each lag.
 const SAMPLES_PER_LAG: usize = 8;
-/// Penalty per coefficient of coloured noise, in n log(variance); docs/statistics.md says how it was chosen.
+/// Penalty per coefficient of coloured noise, in n log(variance); docs/notebook/decisions.md says how it was chosen.
 const PENALTY: f64 = 0.7;
 
 /// Highest order of an autoregression that so many samples determine.
