@@ -105,7 +105,8 @@ pub struct FrontModel {
     pub parameters: usize,
     /// Root mean square of the residual over that of the model as it was given, the mean over outputs, on the training runs.
     pub error_training: f64,
-    /// The same on the validation runs; none without such runs.
+    /// Root mean square of the residual over that of the model as it was given, the mean over outputs, on the
+    /// validation runs; none without such runs.
     pub error_validation: Option<f64>,
     /// Without validation runs: the same on each run by a fit to the others, or on the last third of a single run by a fit to the rest.
     pub error_cross_validated: Option<f64>,

@@ -9,7 +9,7 @@ use std::sync::OnceLock;
 /// Singular values below this share of the largest count as zero: what they belong to is not determined.
 pub const RANK: f64 = 1e-9;
 
-/// The same for eigenvalues of products, whose rounding allows no less.
+/// Eigenvalues of products below this share of the largest count as zero: their rounding allows no less.
 const RANK_OF_PRODUCTS: f64 = 1e-12;
 
 /// Unknowns from which eigenvalues are too slow where a factor does.
@@ -327,7 +327,7 @@ impl Quadratic {
         straight - self.bent(step)
     }
 
-    /// The same by a step of one unknown alone.
+    /// How far the quadratic falls by a step of one unknown alone.
     pub fn reduction_along(&self, unknown: usize, step: f64) -> f64 {
         let at = unknown * self.size + unknown;
         let curvature = self.hessian[at] + self.curvature.get(at).copied().unwrap_or(0.0);

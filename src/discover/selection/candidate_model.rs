@@ -36,7 +36,7 @@ const EQUAL: f64 = 1e-12;
 /// Iterations of a first look, and what one of them must predicted gain.
 const LOOK: usize = 3;
 const ROUGH: f64 = 0.5;
-/// The same where a candidate is only glanced at, and the points that it is glanced at.
+/// Iterations where a candidate is only glanced at, and the points that it is glanced at.
 const GLANCE: usize = 2;
 const GLANCED_AT: usize = 2;
 /// Ratio of values of what is fixed that are tried beside each other, and how often to each side.

@@ -62,7 +62,7 @@ impl<'a> FitProblem<'a> {
         })
     }
 
-    /// The same with everything fixed that all runs share: what a validation run still leaves open.
+    /// This fitting with everything fixed that all runs share: what a validation run still leaves open.
     pub(super) fn validation(mut self) -> Self {
         self.params.iter_mut().filter(|p| !p.per_run).for_each(|p| p.fixed = true);
         self

@@ -76,8 +76,8 @@ fn is_still(run: &Run, q: usize) -> bool {
     })
 }
 
-/// The same, but once `goes_on` says no, nothing is begun any more: what was accepted by then is the result, and it says that it
-/// was stopped.
+/// As [`diagnose`], but once `goes_on` says no, nothing is begun any more: what was accepted by then is the result, and
+/// it says that it was stopped.
 ///
 /// # Errors
 /// As [`diagnose`], and [`DiagnosisError::Stopped`] before the base model is fitted and the candidates are screened.

@@ -108,7 +108,7 @@ impl FitOptions {
         ResponseOptions { changes, options, frequencies, segments, pairs, coherence, finish }
     }
 
-    /// The same, but noise that the model declares is known where all variances were to be estimated.
+    /// These options, but noise that the model declares is known where all variances were to be estimated.
     pub fn with_declared_noise(mut self, model: &Model) -> Self {
         self.options.noise = self.options.noise.or_declared(&model.definition().outputs);
         self
@@ -199,7 +199,7 @@ impl SharedSteps {
         Self { steps, provisional: false }
     }
 
-    /// The same for starts of which only the best is looked at once more.
+    /// These steps for starts of which only the best is looked at once more.
     pub(crate) fn provisional(&self) -> Self {
         Self { steps: self.steps.clone(), provisional: !self.steps.is_empty() }
     }

@@ -222,7 +222,8 @@ pub(crate) fn of_series(series: &[f64]) -> AutoRegression {
     choose(&autocovariances, present)
 }
 
-/// The same by Schwarz's criterion alone: rather too short than uncertain, where the series is a statistic and a model of it is all that is wanted.
+/// The colour of one series by Schwarz's criterion alone: rather too short than uncertain, where the series is a
+/// statistic and a model of it is all that is wanted.
 pub(crate) fn short_of_series(series: &[f64]) -> AutoRegression {
     let (autocovariances, present) = tapered(series);
     let models = LevinsonDurbin::of(&autocovariances);

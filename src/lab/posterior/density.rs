@@ -168,7 +168,8 @@ impl Posterior {
         })
     }
 
-    /// The same with the likelihood widened about the start, until its curvature is that of these errors; the same as it was where that cannot be.
+    /// This posterior with the likelihood widened about the start, until its curvature is that of these errors;
+    /// unchanged where that cannot be.
     ///
     /// # Errors
     /// As [`Self::new`].

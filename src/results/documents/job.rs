@@ -21,7 +21,7 @@ pub struct ShardAtWork {
     pub elapsed: f64,
 }
 
-/// The same, and when it was heard of.
+/// What a shard at work told, and when it was heard of.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ShardStatus {
     /// What it told.

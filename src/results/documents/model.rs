@@ -110,7 +110,7 @@ pub struct OutputDeclared {
     pub doc: String,
     /// Standard deviation of its measurement noise, where it is declared.
     pub noise: Option<f64>,
-    /// The same as an expression, where it is declared so.
+    /// Standard deviation of its measurement noise as an expression, where it is declared so.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub noise_model: Option<String>,
 }
