@@ -77,7 +77,7 @@ impl ForwardStep<'_> {
     }
 
     /// Fits all candidates jointly with the model, whatever screening predicts: where the model is far off, its error
-    /// passes for noise and predicts say little.
+    /// passes for noise and predicted gains say little.
     pub(super) fn comparison_of_all(&mut self, progress: &Progress<'_>) -> Result<Comparison, DiagnosisError> {
         self.comparison_of(usize::MAX..=usize::MAX, progress)
     }

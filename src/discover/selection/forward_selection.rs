@@ -400,7 +400,7 @@ impl<'a> ForwardSelection<'a> {
         if confirmed(step, &comparison) < alpha {
             return Ok(comparison);
         }
-        // something is there, and none of those that predicted gain most is it
+        // something is there, and none of those that were predicted to gain most is it
         step.comparison_of_all(self.progress)
     }
 

@@ -36,7 +36,7 @@ pub struct FitOptions {
     /// Integration error that is of no consequence, as a part of each output's range; 1e-8 when not given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub accuracy: Option<f64>,
-    /// Whether and how the record is by_continuation from a short one.
+    /// Whether and how the record is fitted by continuation: a short part of it first, then longer ones.
     pub continuation: Continuation,
     /// States whose measured record takes their place in the equations of a first fit, whose result starts the fit of the
     /// full model; `all` for every state that is measured.
@@ -115,10 +115,10 @@ impl FitOptions {
     }
 }
 
-/// Whether and how the record is by_continuation.
+/// Whether and how a record is fitted by record-length continuation: a short part of it first, then longer ones.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub enum Continuation {
-    /// Only as a rescue, when the start values cannot be used or lead astray.
+    /// Only as a fallback strategy, when the start values cannot be used or lead astray.
     #[default]
     Auto,
     /// Never.
