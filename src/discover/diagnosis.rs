@@ -132,7 +132,8 @@ pub struct CoefficientTable {
     pub signal_unit: Option<String>,
     /// From where on the coefficient is constant; none where that is as far as the runs go, or where it is constant nowhere.
     pub constant_from: Option<f64>,
-    /// And up to where.
+    /// Up to where the coefficient is constant; none where that is as far as the runs go, or where it is constant
+    /// nowhere.
     pub constant_to: Option<f64>,
     /// Effective number of parameters of the table.
     pub effective_parameters: f64,
@@ -157,7 +158,7 @@ pub struct FrontOutput {
     pub unit: Option<String>,
     /// Root mean square of the residual on the training runs.
     pub rms_training: Option<f64>,
-    /// And on the validation runs.
+    /// Root mean square of the residual on the validation runs.
     pub rms_validation: Option<f64>,
 }
 
@@ -270,17 +271,17 @@ pub struct OutputGain {
     pub unit: Option<String>,
     /// Root mean square of the residual without the effects.
     pub rms_before: Option<f64>,
-    /// And with them.
+    /// Root mean square of the residual with the effects.
     pub rms_after: Option<f64>,
     /// What noise leaves, by the spectrum that was found.
     pub noise_floor: f64,
     /// Theil's inequality coefficient, before.
     pub tic_before: Option<f64>,
-    /// And after.
+    /// Theil's inequality coefficient with the effects.
     pub tic_after: Option<f64>,
     /// Share of the measured variance that is explained, before.
     pub r2_before: Option<f64>,
-    /// And after.
+    /// Share of the measured variance that is explained with the effects.
     pub r2_after: Option<f64>,
 }
 

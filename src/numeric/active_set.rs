@@ -35,7 +35,7 @@ impl StepBounds {
         (0..quadratic.rhs.len()).filter(|j| self.moves(quadratic, *j)).collect()
     }
 
-    /// Those of `unknowns` that can move.
+    /// Unknowns among `unknowns` that can move.
     pub fn movable_among(&self, quadratic: &Quadratic, unknowns: &[usize]) -> Vec<usize> {
         unknowns.iter().copied().filter(|j| self.moves(quadratic, *j)).collect()
     }

@@ -221,7 +221,7 @@ impl Posterior {
         self.correction.as_ref().map(|c| c.factors)
     }
 
-    /// That of a fit of these runs by output error; noise is known as far as it was given.
+    /// The posterior of a fit of these runs by output error; noise is known as far as it was given.
     ///
     /// # Errors
     /// As [`Self::new`].

@@ -47,7 +47,7 @@ pub enum Side {
 }
 
 impl Side {
-    /// Both, in the order of a profile.
+    /// Both sides, in the order of a profile.
     pub const BOTH: [Self; 2] = [Self::Below, Self::Above];
 
     /// The name under which this side of a parameter's profile is kept.

@@ -269,7 +269,7 @@ pub fn spectral_remarks(fit: &SpectralFit) -> Vec<Remark> {
     remarks
 }
 
-/// Both, of a fit in the time domain.
+/// Remarks of a fit in the time domain: what should not be overlooked of its estimates and of its runs.
 pub fn fit_remarks(fit: &Fit) -> Vec<Remark> {
     // a response that is lost explains nothing, whatever the record is
     let lost = matches!(fit.estimate.termination, Termination::Unstable { .. });

@@ -33,7 +33,7 @@ pub struct Study {
     pub asked: usize,
     /// Repeats that are done; fewer when the series was interrupted.
     pub done: usize,
-    /// Those of them that converged.
+    /// Repeats that converged.
     pub converged: usize,
     /// Why the others have not, and how many of each.
     pub astray: Vec<(String, usize)>,
