@@ -108,7 +108,8 @@ pub struct FrontModel {
     /// Root mean square of the residual over that of the model as it was given, the mean over outputs, on the
     /// validation runs; none without such runs.
     pub error_validation: Option<f64>,
-    /// Without validation runs: the same on each run by a fit to the others, or on the last third of a single run by a fit to the rest.
+    /// Without validation runs: root mean square of the residual over that of the model as it was given, the mean over
+    /// outputs, on each run by a fit to the others, or on the last third of a single run by a fit to the rest.
     pub error_cross_validated: Option<f64>,
     /// How each output is matched.
     pub outputs: Vec<FrontOutput>,
@@ -330,7 +331,7 @@ pub struct Overlay {
     pub measured: Vec<f64>,
     /// Outputs of the model as it was given, fitted to the runs that take part.
     pub before: Vec<f64>,
-    /// Outputs with the accepted effects; the same where there are none.
+    /// Outputs with the accepted effects; those of the model as it was given where there are none.
     pub after: Vec<f64>,
 }
 

@@ -27,7 +27,7 @@ pub struct Quadratic {
     pub scale: Vec<f64>,
     /// J'J of scaled, whitened columns, P by P.
     hessian: Vec<f64>,
-    /// J'v of the same.
+    /// J'v of scaled, whitened columns (P).
     pub rhs: Vec<f64>,
     /// The triangle of [J v] with scaled columns, (P + 1) by `width`; empty when only products are known.
     triangle: Vec<f64>,

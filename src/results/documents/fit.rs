@@ -95,7 +95,7 @@ pub struct FitDocument {
     /// How each run was integrated; in the time domain.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub integration: Option<Vec<Integration>>,
-    /// What was done about start values that could not be used; likewise.
+    /// What was done about start values that could not be used; in the time domain.
     #[serde(default, deserialize_with = "present", skip_serializing_if = "Option::is_none")]
     pub rescue: Option<Option<Recovery>>,
     /// What was done about start values that could not be used, in words.
