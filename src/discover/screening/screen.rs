@@ -351,8 +351,8 @@ impl<'a> Judge<'a> {
         -equivalents.enumerate().map(chance).fold(1.0, f64::min).ln()
     }
 
-    /// The least chances of any candidate for residuals of noise alone, drawn from spectra as likely as the one that
-    /// was found.
+    /// The least chance of any candidate, as minus its logarithm, for each of these residuals of noise alone, drawn from
+    /// spectra as likely as the one that was found.
     fn draws(&self, range: Range<usize>) -> Vec<f64> {
         let starts: Vec<usize> = range.clone().step_by(BATCH).collect();
         let batch = |first: usize| self.batch(first..range.end.min(first + BATCH));
