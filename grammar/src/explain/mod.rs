@@ -22,7 +22,7 @@ pub struct Page {
     pub meaning: &'static str,
     /// A model with this mistake and no other.
     pub broken: Example,
-    /// The same without it.
+    /// The model without the mistake.
     pub corrected: &'static str,
     /// Why the language has this rule.
     pub why: &'static str,
