@@ -281,7 +281,7 @@ fn noise_and_systems_on_which_nothing_was_tuned() {
 #[ignore = "a study of up to half an hour; run it in release"]
 fn two_thousand_repeats_of_fresh_noise() {
     let all = systems().into_iter().chain(other_systems()).collect();
-    // 15 % are aimed at; two parameters of the steered ship are known to be at 1.16 and 1.20 under AR(1) noise (docs/notebook/studies.md)
+    // 15 % are aimed at; two parameters of the steered ship are known to be at 1.16 and 1.20 under AR(1) noise (docs/notebook/coverage.csv, error over scatter)
     let missed = table(all, 41, 2000, (0.1, 0.25));
     assert!(missed.is_empty(), "{missed:#?}");
 }

@@ -46,7 +46,7 @@ pub(crate) fn wall_of_runs(mut f: impl FnMut()) -> f64 {
 
 /// One measured figure.
 pub(crate) struct Row {
-    /// Workload, as in docs/notebook/benchmarks.md.
+    /// Workload, as in docs/notebook/decisions.md.
     pub(crate) workload: String,
     /// Who ran it.
     pub(crate) tool: String,

@@ -1,7 +1,7 @@
 //! Speed beside the peers: the workloads W1 (residual and Jacobian of a nonlinear ship) and W5 (text to first
 //! Jacobian of an 11-state helicopter) among others, each checked against reference data before it is timed.
 //!
-//! The peers are set up outside the repository (see docs/notebook/benchmarks.md). Where the hand-written limit and the reference
+//! The peers are set up outside the repository (see docs/notebook/decisions.md). Where the hand-written limit and the reference
 //! data are found, the limit runs first and last in the same run on the same core; with `PEERS` naming the peers' folder all
 //! tools run. Otherwise our own figures stand alone. `cargo bench -- w3` measures one of w1, w2t, w2f, w3, w3f, w4, w5, w6, w7.
 #![allow(clippy::print_stdout, reason = "a benchmark prints its figures")]

@@ -31,9 +31,9 @@ pub enum Role {
 /// Where the parameters of an extension stand in the forced model; none for numbers.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Added {
-    /// Those that are wanted: (in the extension, here).
+    /// Parameters whose columns are wanted: (in the extension, here).
     pub columns: Vec<(usize, usize)>,
-    /// Those that the caller gives, likewise.
+    /// Parameters that the caller gives: (in the extension, here).
     pub given: Vec<(usize, usize)>,
 }
 

@@ -43,7 +43,7 @@ pub use unit::Unit;
 pub struct Compiled {
     /// The checked model, its ties on.
     pub model: Model,
-    /// The same with its ties open; none when it has no ties.
+    /// The checked model with its ties open; none when it has no ties.
     pub loose: Option<Box<Model>>,
     /// Its programs.
     pub schedule: Schedule,

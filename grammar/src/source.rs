@@ -129,7 +129,7 @@ impl Source {
         Self { texts: vec![Text::new(name.into(), text.into(), 0, None)], missing: Vec::new(), groups: Groups::new() }
     }
 
-    /// The same text for runs of these groups (`param k per group aircraft`).
+    /// This source for runs of these groups (`param k per group aircraft`).
     #[must_use]
     pub fn with_groups(self, groups: Groups) -> Self {
         Self { groups, ..self }

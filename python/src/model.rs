@@ -123,13 +123,13 @@ impl Model {
         Ok(Self { model })
     }
 
-    /// The same with ties switched off.
+    /// This model with ties switched off.
     fn untied(&self, py: Python<'_>, names: Vec<String>) -> PyResult<Self> {
         let model = py.detach(|| self.model.untied(&names));
         model.map(|model| Self { model }).map_err(|e| said(py, e))
     }
 
-    /// The same with other values, fixed and freed parameters.
+    /// This model with other values, fixed and freed parameters.
     fn changed(&self, py: Python<'_>, set: Vec<(String, f64)>, fix: Vec<String>, free: Vec<String>) -> PyResult<Self> {
         let changes = fdm::Changes { set, fix, free };
         let model = py.detach(|| fdm::estimate::changed(&self.model, &changes));
@@ -296,7 +296,7 @@ impl Model {
         self.model.source().groups().clone()
     }
 
-    /// The same for groups by grouping: a parameter of each, such as `k[A]`.
+    /// This model for groups by grouping: a parameter of each, such as `k[A]`.
     fn grouped(&self, py: Python<'_>, groups: BTreeMap<String, Vec<String>>) -> PyResult<Self> {
         let model = py.detach(|| self.model.grouped(groups));
         model.map(|model| Self { model }).map_err(|e| refused_model(py, &e))

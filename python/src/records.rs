@@ -38,7 +38,7 @@ impl Source {
         self.source.file.role == Role::Validation
     }
 
-    /// The same for a run of this name.
+    /// This record for a run of this name.
     fn named(&self, name: String) -> Self {
         let mut source = self.source.clone();
         source.file.name = Some(name);
@@ -93,7 +93,7 @@ impl Record {
         rows(py, &run.measured, run.output_gaps.len())
     }
 
-    /// The same with every number compared: with zero where none was measured. For the sensitivities of all samples.
+    /// This record with every number compared: with zero where none was measured. For the sensitivities of all samples.
     fn compared(&self) -> Self {
         let mut record = self.record.clone();
         record.run.measured.iter_mut().filter(|z| z.is_nan()).for_each(|z| *z = 0.0);

@@ -105,9 +105,9 @@ pub(crate) struct Outcome<'a> {
     pub(crate) bands: Vec<Option<Bands>>,
     /// Tables and sentences.
     pub(crate) text: String,
-    /// The same with all remarks, for the folder; none where nothing is left out.
+    /// Tables and sentences with all remarks, for the folder; none where nothing is left out.
     pub(crate) whole: Option<String>,
-    /// The same for programs.
+    /// The result for programs.
     pub(crate) json: ResultDocument,
     /// What goes to standard error behind it.
     pub(crate) remarks: Vec<String>,
@@ -241,7 +241,7 @@ impl Prepared<'_> {
         self.hand_over(rendered(outcome, self.output, self.plot.is_some(), self.places))
     }
 
-    /// The same of what was rendered before.
+    /// Prints what was rendered before, then writes what was asked for.
     pub(crate) fn hand_over(&self, result: Rendered) -> bool {
         let printed = match &result.printed {
             Ok(text) => print(text),

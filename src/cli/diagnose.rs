@@ -184,7 +184,7 @@ impl Arguments {
         visit(&WholeCommand(&whole), &identity)
     }
 
-    /// The same arguments at the end of a job, or as a task of it.
+    /// These arguments at the end of a job, or as a task of it.
     pub(crate) fn finishing(mut self, done: Option<Arc<job::Memory>>, typed: Vec<String>) -> Self {
         (self.done, self.places.typed) = (done, Some(typed));
         self

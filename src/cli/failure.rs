@@ -183,7 +183,7 @@ pub(crate) fn remark(line: std::fmt::Arguments<'_>) {
     murmur(&visible(&format!("{line}\n")));
 }
 
-/// The same as it is.
+/// Writes a text to standard error as it is.
 fn murmur(text: &str) {
     use std::io::Write;
     let _ = std::io::stderr().lock().write_all(text.as_bytes());

@@ -216,7 +216,7 @@ impl Arguments {
         visit(&WholeCommand(&whole), &task.identity)
     }
 
-    /// The same arguments at the end of a job, or as a task of it.
+    /// These arguments at the end of a job, or as a task of it.
     pub(crate) fn finishing(mut self, done: Option<Arc<job::Memory>>, typed: Vec<String>) -> Self {
         self.checkpoints.done = done;
         self.delivery.places.typed = Some(typed);
@@ -295,9 +295,9 @@ pub(crate) struct Made {
     pub(crate) found: Found,
     /// Tables and sentences.
     pub(crate) text: String,
-    /// The same with all remarks.
+    /// Tables and sentences with all remarks.
     whole: String,
-    /// The same for programs.
+    /// The fit for programs.
     document: FitDocument,
     starts: usize,
     seed: Option<u64>,

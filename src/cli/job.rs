@@ -61,7 +61,8 @@ impl Command {
         }
     }
 
-    /// The same where a result is to tell these words as its command; with what was done elsewhere, where it is to end by that.
+    /// This command where a result is to tell these words as its command; with what was done elsewhere, where it is to
+    /// end by that.
     pub(crate) fn finishing(self, words: &[String], done: Option<Arc<Memory>>) -> Self {
         let typed: Vec<String> = std::iter::once("fdm".to_string()).chain(words.iter().cloned()).collect();
         match (self, done) {

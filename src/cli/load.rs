@@ -51,7 +51,7 @@ impl ModelFile {
         self.untied(&load_model(&self.model)?)
     }
 
-    /// The same for the groups of the runs, and with the delays that their maps leave free.
+    /// Reads and compiles the model for the groups of the runs, and with the delays that their maps leave free.
     pub(crate) fn load_for(&self, records: &Records) -> Result<Model, Failure> {
         let model = records.grouped(&load_model(&self.model)?)?;
         self.untied(&records.with_free_delays(&model)?)
@@ -101,7 +101,7 @@ impl ModelOrResult {
         }
     }
 
-    /// The same with another model or result in its place.
+    /// These arguments with another model or result in its place.
     pub(crate) fn of(&self, path: &Path) -> Self {
         Self::at(path, &self.set)
     }
@@ -360,7 +360,7 @@ impl Records {
         self.list.files((&self.data, Role::Fit), options, model)
     }
 
-    /// The same where there is no model.
+    /// The paths of all runs where there is no model.
     pub(crate) fn paths(&self) -> Result<Vec<PathBuf>, Failure> {
         self.list.table()?.map_or_else(|| expanded(&self.data), |table| table.paths())
     }
@@ -377,8 +377,8 @@ impl Records {
         self.read_files(model, Vec::new(), quiet).map(|(campaign, _)| campaign)
     }
 
-    /// The same together with validation runs, which are not fitted: those of the role `validation` in the table of runs, and those `named`
-    /// beside it. They are judged beside the others.
+    /// Reads all runs that are fitted together with validation runs, which are not: those of the role `validation` in
+    /// the table of runs, and those `named` beside it. They are judged beside the others.
     ///
     /// # Errors
     /// A run of both kinds too.

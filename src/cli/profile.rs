@@ -144,7 +144,7 @@ impl Arguments {
         visit(&job::Sides { profiler: &profiler, parameters }, &identity)
     }
 
-    /// The same arguments at the end of a job.
+    /// These arguments at the end of a job.
     pub(crate) fn finishing(mut self, done: Arc<job::Memory>) -> Self {
         self.done = Some(done);
         self

@@ -196,7 +196,7 @@ impl Arguments {
         visit(&job::Repeats { once: &once, count: count.into() }, &identity)
     }
 
-    /// The same arguments at the end of a job.
+    /// These arguments at the end of a job.
     pub(crate) fn finishing(mut self, done: Arc<job::Memory>) -> Self {
         self.repetition.checkpoints.done = Some(done);
         self

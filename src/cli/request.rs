@@ -293,7 +293,7 @@ pub fn read(model: &Model, sources: &[Source], elsewhere: &[bool]) -> Result<Vec
 pub struct Answer {
     /// Tables and sentences.
     pub text: String,
-    /// The same as JSON, as `--json` prints it.
+    /// What was worked out as JSON, as `--json` prints it.
     pub json: String,
     /// The files that `--out` would write, and others that the command makes.
     pub files: Vec<NamedFile>,
@@ -380,7 +380,7 @@ impl Fitted {
         &self.runs
     }
 
-    /// The same with their files.
+    /// The runs that were fitted, with their files.
     pub fn records(&self) -> &[Record] {
         &self.records
     }

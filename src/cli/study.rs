@@ -187,7 +187,7 @@ impl Arguments {
         Ok(calibrated(model.name(), seed, &samples.names, &repeats.map_err(refused)?))
     }
 
-    /// The same as a command.
+    /// Prints a calibration as a command does.
     fn print_calibration(&self, of: (&Model, &[Run]), options: &FitOptions, progress: &mut Progress) -> Ending {
         let places = &self.delivery.places;
         let kept = self.delivery.plot.is_some() || !self.repetition.checkpoints.given().is_empty();
@@ -209,7 +209,7 @@ impl Arguments {
         ended(in_time && found.is_good() && printed && written.is_ok())
     }
 
-    /// The same arguments at the end of a job.
+    /// These arguments at the end of a job.
     pub(crate) fn finishing(mut self, done: Arc<job::Memory>, typed: Vec<String>) -> Self {
         self.repetition.checkpoints.done = Some(done);
         self.delivery.places.typed = Some(typed);

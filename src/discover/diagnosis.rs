@@ -101,9 +101,11 @@ pub struct FrontModel {
     pub parameters: usize,
     /// Root mean square of the residual over that of the model as it was given, the mean over outputs, on the training runs.
     pub error_training: f64,
-    /// The same on the validation runs; none without such runs.
+    /// Root mean square of the residual over that of the model as it was given, the mean over outputs, on the
+    /// validation runs; none without such runs.
     pub error_validation: Option<f64>,
-    /// Without validation runs: the same on each run by a fit to the others, or on the last third of a single run by a fit to the rest.
+    /// Without validation runs: root mean square of the residual over that of the model as it was given, the mean over
+    /// outputs, on each run by a fit to the others, or on the last third of a single run by a fit to the rest.
     pub error_cross_validated: Option<f64>,
     /// How each output is matched.
     pub outputs: Vec<FrontOutput>,
@@ -127,7 +129,8 @@ pub struct CoefficientTable {
     pub signal_unit: Option<String>,
     /// From where on the coefficient is constant; none where that is as far as the runs go, or where it is constant nowhere.
     pub constant_from: Option<f64>,
-    /// And up to where.
+    /// Up to where the coefficient is constant; none where that is as far as the runs go, or where it is constant
+    /// nowhere.
     pub constant_to: Option<f64>,
     /// Effective number of parameters of the table.
     pub effective_parameters: f64,
@@ -150,7 +153,7 @@ pub struct FrontOutput {
     pub unit: Option<String>,
     /// Root mean square of the residual on the training runs.
     pub rms_training: Option<f64>,
-    /// And on the validation runs.
+    /// Root mean square of the residual on the validation runs.
     pub rms_validation: Option<f64>,
 }
 
@@ -259,17 +262,17 @@ pub struct OutputGain {
     pub unit: Option<String>,
     /// Root mean square of the residual without the effects.
     pub rms_before: Option<f64>,
-    /// And with them.
+    /// Root mean square of the residual with the effects.
     pub rms_after: Option<f64>,
     /// What noise leaves, by the spectrum that was found.
     pub noise_level: f64,
     /// Theil's inequality coefficient, before.
     pub tic_before: Option<f64>,
-    /// And after.
+    /// Theil's inequality coefficient with the effects.
     pub tic_after: Option<f64>,
     /// Share of the measured variance that is explained, before.
     pub r2_before: Option<f64>,
-    /// And after.
+    /// Share of the measured variance that is explained with the effects.
     pub r2_after: Option<f64>,
 }
 
@@ -317,7 +320,7 @@ pub struct Overlay {
     pub measured: Vec<f64>,
     /// Outputs of the model as it was given, fitted to the runs that take part.
     pub before: Vec<f64>,
-    /// Outputs with the accepted effects; the same where there are none.
+    /// Outputs with the accepted effects; those of the model as it was given where there are none.
     pub after: Vec<f64>,
 }
 

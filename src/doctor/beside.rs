@@ -63,7 +63,7 @@ pub struct Watch<'a> {
     pub goes_on: &'a (dyn Fn() -> bool + Sync),
 }
 
-/// The same as long as `watch` lets it go on; then with what was found by then, and a note.
+/// Judges records beside a model as long as `watch` lets it go on; then with what was found by then, and a note.
 pub fn examine_beside_while(
     model: &Model,
     runs: &[Run],

@@ -56,7 +56,7 @@ pub enum Fault {
     Aliased,
     /// An input that never changes.
     Constant,
-    /// The same samples in two runs.
+    /// Samples of one run that stand in another one too.
     Repeated,
     /// Inputs that move together.
     CorrelatedInputs,

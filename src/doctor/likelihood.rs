@@ -153,7 +153,7 @@ impl Evidence<'_> {
         Some(self.with_kinematics(Trial { values, steps, residuals, ..judged }, edits))
     }
 
-    /// The same where the edits behind `current` leave the runs of the model as they are: nothing is fitted.
+    /// The trial where the edits behind `current` leave the runs of the model as they are: nothing is fitted.
     pub(crate) fn unfitted(&self, current: &Trial, edits: &[Edit]) -> Trial {
         self.with_kinematics(current.clone(), edits)
     }
@@ -485,8 +485,9 @@ impl Trial {
         outputs + self.gain_of_kinematics(other) + other.values[0] - self.values[0]
     }
 
-    /// The same for a fault with an estimated number, which a model error may be mistaken for: no more than beside noise, and error, of any
-    /// spectrum, in bands of frequency. A fit that trades one band for another is no likelier.
+    /// Gain in log-likelihood of a fault with an estimated number, which a model error may be mistaken for: no more
+    /// than beside noise, and error, of any spectrum, in bands of frequency. A fit that trades one band for another is
+    /// no likelier.
     pub(crate) fn cautious_gain_over(&self, other: &Self) -> f64 {
         let pairs = self.bands.iter().zip(&other.bands);
         let bands = pairs.filter_map(|(own, other)| Some(own.as_ref()?.gain_over(other.as_ref()?))).sum::<f64>();

@@ -41,7 +41,7 @@ impl<'a> Linearised<'a> {
         Self::at(evidence, fit, edits, |model, runs| parameters_of_runs(model, runs, estimate))
     }
 
-    /// The same about the start values of the text, on the steps of a fit.
+    /// About the start values of the text, on the steps of a fit. None where derivatives would not fit into memory.
     pub(crate) fn of_text(evidence: &'a Evidence<'a>, fit: &'a Trial, edits: &[Edit]) -> Option<Self> {
         Self::at(evidence, fit, edits, |model, runs| starts(model, runs, &Changes::default()))
     }

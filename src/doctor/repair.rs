@@ -32,7 +32,7 @@ pub struct Change {
     pub delay: f64,
     /// The period of a wrapped angle.
     pub wrap: Option<f64>,
-    /// Another column.
+    /// The column that the channel is read from in the place of its own.
     pub from: Option<String>,
 }
 

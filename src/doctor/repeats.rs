@@ -1,4 +1,4 @@
-//! The same record under two names, whole or in part.
+//! One record under two names, whole or in part.
 
 use crate::finding::{Fault, Finding};
 use crate::record::Record;

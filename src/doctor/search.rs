@@ -619,8 +619,9 @@ impl Search<'_> {
         self.best_about(number, accepted, current, &Abouts::of(self.evidence, current, accepted))
     }
 
-    /// The same where the fit has been linearised: about its estimates, and about the values of the text, as a fault may have led the fit
-    /// astray. Without derivatives, or where nothing of the model is touched, each value is tried as it is.
+    /// The best value of a number where the fit has been linearised: about its estimates, and about the values of the
+    /// text, as a fault may have led the fit astray. Without derivatives, or where nothing of the model is touched,
+    /// each value is tried as it is.
     fn best_about(
         &self,
         number: &Number<'_>,

@@ -47,7 +47,8 @@ pub struct BestIterate {
     /// Iterates that were simulated, with their errors: mean over the outputs of the part of the mean square that is not met; none where the
     /// response left the finite numbers.
     pub simulated: Vec<(usize, Option<f64>)>,
-    /// The same for least squares of all steps without forgetting.
+    /// Mean over the outputs of the part of the mean square that least squares of all steps without forgetting does not
+    /// meet; none where its response left the finite numbers.
     pub batch_error: Option<f64>,
     /// The model with the chosen values; those of a run are the mean of all runs.
     pub model: Model,

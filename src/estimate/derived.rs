@@ -33,7 +33,7 @@ impl<'a> DerivedQuantities<'a> {
         Self { names: Vec::new(), evaluate: Box::new(|_, _| ()) }
     }
 
-    /// Those that the model declares, computed by its programs.
+    /// Derived quantities that the model declares, computed by its programs.
     pub fn of(model: &Model, dynamics: &'a dyn Dynamics) -> Self {
         let per_run = model.graph.depends(|leaf| matches!(leaf, Leaf::Param(k) if model.params[k as usize].per_run));
         let name = |d: &fdm_grammar::model::Derived| DerivedName {

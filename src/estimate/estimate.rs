@@ -141,7 +141,7 @@ impl Estimate {
         self.parameters.iter().find(|p| p.name == name && p.run.as_deref() == run)
     }
 
-    /// The same without some entries of `parameters`, which leaves their rows and columns of all matrices out too.
+    /// This estimate without some entries of `parameters`, which leaves their rows and columns of all matrices out too.
     pub(crate) fn without(mut self, left_out: impl Fn(&ParameterEstimate) -> bool) -> Self {
         let stays: Vec<bool> = self.parameters.iter().map(|p| !left_out(p)).collect();
         let place = |k: usize| stays[..k].iter().filter(|s| **s).count();

@@ -14,7 +14,7 @@ pub struct FewSamples {
     pub parameter: String,
     /// Where the estimation started.
     pub start: f64,
-    /// Where it ended.
+    /// Where the estimation ended.
     pub value: f64,
     /// The effective number of samples that it moves: the square of the sum of their information over the sum of its squares.
     pub samples: f64,

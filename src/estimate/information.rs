@@ -119,7 +119,7 @@ impl Information {
         Ok((Self { matrix: without(&whole, shared), ..Self::prior(model) }, responses))
     }
 
-    /// Both together.
+    /// The information of both together.
     pub fn plus(&self, other: &Self) -> Self {
         Self { names: self.names.clone(), matrix: &self.matrix + &other.matrix }
     }

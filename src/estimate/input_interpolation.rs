@@ -15,7 +15,7 @@ pub struct InputInterpolation {
     pub held: bool,
     /// By how much the logarithm of the likelihood (nats) is higher the other way, as far as the colour of the residuals lets it count.
     pub evidence: f64,
-    /// The same for white noise.
+    /// By how much the logarithm of the likelihood (nats) is higher the other way if residuals are white noise.
     pub white: f64,
     /// The estimate that would move furthest the other way, in its standard errors; none where no error is known.
     pub moves: Option<EstimateMove>,

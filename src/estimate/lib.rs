@@ -4,10 +4,12 @@
 //! values, standard errors, noise covariance, residuals, and how the iteration ended. **Never** reads files or prints.
 //! **Start** at [`identify()`], one entry for every method and domain; [`fit()`] is output error in the time domain.
 //!
-//! Each layer knows those before it only: problem data (`problem`, `unknowns`, `noise`) -> `iteration` (residuals and sensitivities
-//! as a cost for the bounded Gauss-Newton of `fdm_numeric`) -> `uncertainty` (errors, what is not determined) -> `solve` (a
-//! problem's [`Estimate`]) -> `output_error` (one fit from given start values), `filter_error`, `equation_error`, `spectra`,
-//! `frequency_responses` -> `recovery` (continuation, substitution, shooting, many starts) -> `time_domain` -> `identify`.
+//! The road of a fit: problem data (`problem`, `unknowns`, `noise`) -> `iteration` (residuals and sensitivities as a cost
+//! for the bounded Gauss-Newton of `fdm_numeric`) -> `uncertainty` (errors, what is not determined) -> `solve` (a
+//! problem's [`Estimate`]) -> `output_error` (one fit from given start values), `filter_error`, `equation_error`,
+//! `spectra`, `frequency_responses` -> `recovery` (continuation, substitution, shooting, many starts) -> `time_domain` ->
+//! `identify`. These are no layers: options and results of the methods are known to each other, so that folders import in
+//! both directions.
 
 mod affine;
 mod beginnings;

@@ -23,7 +23,7 @@ pub enum Noise {
 }
 
 impl Noise {
-    /// The same, but what a model declares (`noise y = ...;`) is known where all variances were to be estimated.
+    /// This noise, but what a model declares (`noise y = ...;`) is known where all variances were to be estimated.
     /// `Given` without a number estimates them in spite of that.
     pub fn or_declared(self, outputs: &[Output]) -> Self {
         let declared: Vec<Option<f64>> = outputs.iter().map(|o| o.noise).collect();
@@ -120,7 +120,7 @@ impl Likelihood {
         -cost - 0.5 * self.samples() * std::f64::consts::TAU.ln()
     }
 
-    /// The same of each output whose noise is estimated; none of one whose noise is known.
+    /// Samples by which each output's noise is estimated; none of an output whose noise is known.
     pub(super) fn samples_of_outputs(&self) -> Vec<Option<f64>> {
         let of = |(o, count): (usize, &usize)| self.estimates(o).then_some(self.worth * *count as f64);
         self.counts.iter().enumerate().map(of).collect()

@@ -28,7 +28,7 @@ pub struct StartSummary {
     pub iterations: usize,
     /// How it ended; none when the attempt was not possible.
     pub termination: Option<Termination>,
-    /// The same in words.
+    /// How it ended, in words.
     pub message: String,
     /// The minimum that was reached, numbered by cost from 1; none without a cost.
     pub minimum: Option<usize>,

@@ -14,7 +14,7 @@ use std::fmt;
 
 /// One run's model response and its exact sensitivities.
 ///
-/// The same parameters must give the same bits, with and without sensitivities and in whatever order they are asked.
+/// Equal parameters must give equal bits, with and without sensitivities and in whatever order they are asked.
 pub trait Response: Send {
     /// Number of samples N.
     fn samples(&self) -> usize;

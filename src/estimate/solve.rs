@@ -30,7 +30,7 @@ use std::collections::HashSet;
 
 /// Estimates the free parameters of a problem by maximum likelihood (output error).
 ///
-/// The same problem gives the same bits for every number of threads. The start vector is that of the parameters and runs;
+/// One problem gives the same bits for every number of threads. The start vector is that of the parameters and runs;
 /// the problem is not changed and can be solved again with other options.
 ///
 /// # Errors

@@ -96,7 +96,7 @@ pub fn start_search(
 struct Ready<'r> {
     /// The model with the changes that were asked for.
     given: Model,
-    /// The same with the parameters of noises held.
+    /// The model with the changes that were asked for, and the parameters of noises held.
     model: Model,
     /// The runs without samples whose noise is infinite.
     runs: Cow<'r, [Run]>,

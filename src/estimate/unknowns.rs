@@ -83,7 +83,7 @@ impl Unknowns {
         self.held.push(unknown);
     }
 
-    /// The same with the logarithms of the parameters that are declared so; none where there are none.
+    /// These unknowns with the logarithms of the parameters that are declared so; none where there are none.
     pub(super) fn searched(&self, problem: &Problem<'_>) -> Option<Self> {
         let is_log = |g: usize| problem.params[self.owner(g).1].logarithmic;
         if !(0..self.len()).any(is_log) {

@@ -14,7 +14,7 @@ pub(crate) unsafe fn read<'a, T>(first: *const T, count: usize) -> &'a [T] {
     unsafe { std::slice::from_raw_parts(first, count) }
 }
 
-/// The same to be written.
+/// Values behind a pointer of C, to be written.
 ///
 /// # Safety
 /// `first` is null, or points to `count` values that live and are used by nobody else while the slice is.

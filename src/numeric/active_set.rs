@@ -19,7 +19,7 @@ impl StepBounds {
         bounds
     }
 
-    /// The same in place.
+    /// Measures what the bounds leave at `values`, in place.
     pub fn measure(&mut self, values: &[f64], lower: &[f64], upper: &[f64], scale: &[f64]) {
         for (distances, bound) in [(&mut self.down, lower), (&mut self.up, upper)] {
             let distance = bound.iter().zip(values).zip(scale);
@@ -35,7 +35,7 @@ impl StepBounds {
         (0..quadratic.rhs.len()).filter(|j| self.moves(quadratic, *j)).collect()
     }
 
-    /// Those of `unknowns` that can move.
+    /// Unknowns among `unknowns` that can move.
     pub fn movable_among(&self, quadratic: &Quadratic, unknowns: &[usize]) -> Vec<usize> {
         unknowns.iter().copied().filter(|j| self.moves(quadratic, *j)).collect()
     }
@@ -77,8 +77,9 @@ pub fn constrained(quadratic: &Quadratic, bounds: &StepBounds, damping: f64, ste
     constrained_among(quadratic, bounds, &all, damping, step)
 }
 
-/// The same among some unknowns; the others keep their part of the step. An active set (Stark and Parker 1995): whoever
-/// meets a bound on the way to the minimum of the free ones is held there, and let go when the cost falls inwards.
+/// The minimum of the damped quadratic among some unknowns; the others keep their part of the step. An active set
+/// (Stark and Parker 1995): whoever meets a bound on the way to the minimum of the free ones is held there, and let go
+/// when the cost falls inwards.
 pub fn constrained_among(
     quadratic: &Quadratic,
     bounds: &StepBounds,

@@ -15,8 +15,9 @@ pub fn dispatch<T: WithSimd>(task: T) -> T::Output {
     pulp::Arch::new().dispatch(task)
 }
 
-/// The same for a closure, which says `#[inline(always)]` as what it calls does. (As a task it would be called once by value, and for a closure
-/// that need not be that is a function of its own, compiled for the least of processors.)
+/// Runs a closure, which says `#[inline(always)]` as what it calls does, with the widest instructions of this
+/// processor. (As a task it would be called once by value, and for a closure that need not be that is a function of its
+/// own, compiled for the least of processors.)
 #[inline(always)]
 pub fn widest<O>(work: impl FnMut() -> O) -> O {
     dispatch(Inlined(work))

@@ -9,7 +9,7 @@ use std::sync::OnceLock;
 /// Singular values below this share of the largest count as zero: what they belong to is not determined.
 pub const RANK: f64 = 1e-9;
 
-/// The same for eigenvalues of products, whose rounding allows no less.
+/// Eigenvalues of products below this share of the largest count as zero: their rounding allows no less.
 const RANK_OF_PRODUCTS: f64 = 1e-12;
 
 /// Unknowns from which eigenvalues are too slow where a factor does.
@@ -27,7 +27,7 @@ pub struct Quadratic {
     pub scale: Vec<f64>,
     /// J'J of scaled, whitened columns, P by P.
     hessian: Vec<f64>,
-    /// J'v of the same.
+    /// J'v of scaled, whitened columns (P).
     pub rhs: Vec<f64>,
     /// The triangle of [J v] with scaled columns, (P + 1) by `width`; empty when only products are known.
     triangle: Vec<f64>,
@@ -327,7 +327,7 @@ impl Quadratic {
         straight - self.bent(step)
     }
 
-    /// The same by a step of one unknown alone.
+    /// How far the quadratic falls by a step of one unknown alone.
     pub fn reduction_along(&self, unknown: usize, step: f64) -> f64 {
         let at = unknown * self.size + unknown;
         let curvature = self.hessian[at] + self.curvature.get(at).copied().unwrap_or(0.0);

@@ -49,7 +49,7 @@ pub fn beta_quantile(p: f64, [a, b]: [f64; 2]) -> Option<f64> {
 pub struct Student(StudentsT);
 
 impl Student {
-    /// That of so many degrees of freedom; none where these are not positive.
+    /// The distribution of so many degrees of freedom; none where these are not positive.
     pub fn new(degrees: f64) -> Option<Self> {
         StudentsT::new(0.0, 1.0, degrees).ok().map(Self)
     }

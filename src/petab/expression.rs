@@ -134,7 +134,7 @@ impl Expr {
         }
     }
 
-    /// The same with every part replaced for which `each` has something else, from the inside outwards.
+    /// This expression with every part replaced for which `each` has something else, from the inside outwards.
     pub(crate) fn map(self, each: &mut dyn FnMut(Expr) -> Expr) -> Expr {
         let mut boxed = |e: Box<Expr>| Box::new(e.map(each));
         let whole = match self {
@@ -180,7 +180,7 @@ impl Expr {
         found
     }
 
-    /// The same with names replaced.
+    /// This expression with names replaced.
     pub(crate) fn with(self, replaced: &BTreeMap<String, Expr>) -> Expr {
         self.map(&mut |e| match &e {
             Self::Name(name) => replaced.get(name).cloned().unwrap_or(e),
@@ -209,7 +209,7 @@ impl Expr {
         })
     }
 
-    /// The same where a number stands: a condition counts as 1 or 0 (SBML level 3 version 2, section 3.4.11).
+    /// This expression where a number stands: a condition counts as 1 or 0 (SBML level 3 version 2, section 3.4.11).
     pub(crate) fn into_number(self) -> Expr {
         let number = |list: Vec<Expr>| list.into_iter().map(Self::into_number).collect();
         match self {
@@ -228,7 +228,7 @@ impl Expr {
         }
     }
 
-    /// The same where a condition stands: a number holds where it is not 0.
+    /// This expression where a condition stands: a number holds where it is not 0.
     pub(crate) fn into_condition(self) -> Expr {
         match self {
             Self::True | Self::False => self,
@@ -252,7 +252,7 @@ impl Expr {
         }
     }
 
-    /// The same without a name that is a factor of all of its terms; `None` where it is not.
+    /// This expression without a name that is a factor of all of its terms; `None` where it is not.
     pub(crate) fn without_factor(&self, factor: &str) -> Option<Expr> {
         match self {
             Self::Name(name) if name == factor => Some(Self::Number(1.0)),

@@ -398,7 +398,7 @@ fn functions(model: Node<'_, '_>, wrong: &mut Vec<String>) -> Functions {
     found
 }
 
-/// The same with functions of the model's own replaced by what they are.
+/// An expression with functions of the model's own replaced by what they are.
 pub(crate) fn written_out(e: Expr, functions: &Functions, depth: usize) -> Result<Expr, String> {
     let mut calls = false;
     e.walk(&mut |part| calls |= matches!(part, Expr::Apply(..)));

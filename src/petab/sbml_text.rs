@@ -133,7 +133,7 @@ impl<'a> Sbml<'a> {
         self.ruled(expr, &format!("value_of_{}", self.ids.outputs[output]))
     }
 
-    /// The same of its noise.
+    /// The name of an output's noise, made a rule.
     pub(crate) fn noise(&mut self, output: usize) -> Result<String, Unsuited> {
         let own = format!("noise_of_{}", self.ids.outputs[output]);
         match self.model.outputs[output].noise_model {

@@ -132,7 +132,7 @@ impl Row {
         Self { file, line, columns: columns.into(), cells }
     }
 
-    /// The same row with other cells, or with further ones.
+    /// This row with other cells, or with further ones.
     pub(crate) fn with(&self, cells: Vec<(String, String)>) -> Self {
         let mut all: Vec<(String, String)> = cells;
         for (column, cell) in self.columns.iter().zip(&self.cells) {

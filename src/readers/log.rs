@@ -211,7 +211,7 @@ pub(crate) trait Reader {
     /// All that the bytes hold, with what is damaged in them.
     fn read(&self, bytes: &[u8]) -> Result<Log, ReadError>;
 
-    /// The same of a file that is open; most formats are read into memory first.
+    /// All that a file holds which is open, with what is damaged in it; most formats are read into memory first.
     fn read_from(&self, source: &mut dyn Source) -> Result<Log, ReadError> {
         let mut bytes = Vec::new();
         let read = source.rewind().and_then(|()| source.read_to_end(&mut bytes));

@@ -22,13 +22,14 @@ pub fn estimate_table(estimate: &Estimate) -> String {
     estimate_text(estimate, Detail { verbose: true, ..Detail::default() })
 }
 
-/// The same with so much detail.
+/// Parameters with standard errors, the quality of each output and remarks, with so much detail.
 pub fn estimate_text(estimate: &Estimate, detail: Detail) -> String {
     let residuals = if estimate.outputs.is_empty() { String::new() } else { output_table(&estimate.outputs) };
     join(parameter_table(&estimate.parameters, false), residuals, &estimate_remarks(estimate), detail)
 }
 
-/// The same with what the residuals say.
+/// Tables of a fit: parameters with standard errors, each output with the tests of its residuals, and remarks, with so
+/// much detail.
 pub fn fit_table(fit: &Fit, detail: Detail) -> String {
     if fit.quality.is_empty() {
         return estimate_text(&fit.estimate, detail);
@@ -188,7 +189,7 @@ pub fn residual_table(quality: &[OutputQuality]) -> String {
     table(&rows, true)
 }
 
-/// The same without tests.
+/// One row for each output: size of the residual and what it consists of, without tests.
 pub(super) fn output_table(outputs: &[OutputFit]) -> String {
     table(&outputs.iter().map(|o| (o, None)).collect::<Vec<_>>(), false)
 }

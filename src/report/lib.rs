@@ -1,7 +1,8 @@
 //! What people read: findings about models, tables of estimates, pictures of time histories.
 //!
-//! **In** finished values: sources and diagnostics, fits, time histories. **Out** text: lines, tables, SVG, pages.
-//! **Never** computes, and never prints: the command line does. **Start** at [`render`] and [`fit_table`].
+//! **In** finished values: sources and diagnostics, fits, time histories. **Out** text: lines, tables, SVG, PNG, pages.
+//! **Never** simulates, fits or prints: the command line does. Only the stages of `fdm show` are made here: [`stage`]
+//! parses, differentiates and linearises the model that it shows. **Start** at [`render`] and [`fit_table`].
 
 mod calibration;
 mod comparison;

@@ -49,7 +49,7 @@ pub fn outcomes_table(outcomes: &[Outcome]) -> String {
     trimmed(&table)
 }
 
-/// The same as a table of a page.
+/// Outcomes of reference systems as a table of a page in Markdown.
 pub fn outcomes_markdown(outcomes: &[Outcome]) -> String {
     let mut text = String::from(
         "| system | what | parameters | worst error in standard errors | as expected | the paper's figures |\n|---|---|---|---|---|---|\n",

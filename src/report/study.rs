@@ -210,7 +210,7 @@ fn studies_table(studies: &[Study]) -> String {
     trimmed(&table)
 }
 
-/// The same as a table of a page.
+/// Studies of several systems as a table of a page in Markdown.
 pub fn studies_markdown(studies: &[Study]) -> String {
     let mut text = format!("| {} |\n|{}\n", SUMMARY.join(" | "), "---|".repeat(SUMMARY.len()));
     studies.iter().for_each(|s| text.push_str(&format!("| {} |\n", summary(s).join(" | "))));

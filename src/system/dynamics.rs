@@ -84,8 +84,8 @@ pub trait Dynamics: Send + Sync {
     /// A model without events has none.
     fn events(&self, _at: Point<'_>, _out: &mut [f64], _work: &mut Workspace) {}
 
-    /// The same, then the entries of their partials by states, inputs, parameters and time
-    /// (`layout.event_slots()`).
+    /// Guards of all events and the values that they set, then the entries of their partials by states, inputs,
+    /// parameters and time (`layout.event_slots()`).
     fn events_and_partials(&self, _at: Point<'_>, _out: &mut [f64], _work: &mut Workspace) {}
 
     /// Where the model has events or hard limits, f_t (n). Structural zeros are not written: `out` must hold zeros there.
@@ -104,7 +104,8 @@ pub trait Dynamics: Send + Sync {
         by_stages(self, step, next, work);
     }
 
-    /// The same states (to the bit), and the results of `rates_and_partials` at the four stages, one row each.
+    /// The states of [`Self::step`] (to the bit), and the results of `rates_and_partials` at the four stages, one row
+    /// each.
     fn step_with_partials(&self, step: Step<'_>, next: &mut [f64], stages: &mut [f64], work: &mut Workspace) {
         by_stages_with_partials(self, step, next, stages, work);
     }

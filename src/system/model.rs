@@ -126,7 +126,8 @@ impl Model {
         Self::from_source(with_used(Source::new(name, text), used, None))
     }
 
-    /// The same, where the model came from a file that may still be there: a functional mock-up unit is not kept, and is looked for beside it.
+    /// Compiles the texts of a model that came from a file which may still be there: a functional mock-up unit is not
+    /// kept, and is looked for beside it.
     ///
     /// # Errors
     /// [`ModelError::Invalid`] with every mistake of the texts.
@@ -171,7 +172,7 @@ impl Model {
         Self { source, compiled: Arc::new(compiled), dynamics }
     }
 
-    /// The same model with other values, bounds and attributes of its parameters. Where other parameters are fixed
+    /// This model with other values, bounds and attributes of its parameters. Where other parameters are fixed
     /// now, the derivatives are made anew (as machine code, for `model!` too).
     ///
     /// # Panics
@@ -198,8 +199,9 @@ impl Model {
         Self { source: self.source.clone(), compiled: Arc::new(compiled), dynamics }
     }
 
-    /// The same model with ties switched off: the named params, or all that are tied where a name is `all`, are estimated by themselves
-    /// from their declared values. Compiled anew (as machine code, for `model!` too), from the parameters as they were declared.
+    /// This model with ties switched off: the named params, or all that are tied where a name is `all`, are estimated
+    /// by themselves from their declared values. Compiled anew (as machine code, for `model!` too), from the parameters
+    /// as they were declared.
     ///
     /// # Errors
     /// [`NotTied`] with the first name that is not that of a tied param.
@@ -254,7 +256,7 @@ impl Model {
         self.altered_by(definition, Engine::default())
     }
 
-    /// The same, for programs that run a few times only.
+    /// A model of other equations under this one's text, for programs that run a few times only.
     pub fn sketched(&self, definition: fdm_grammar::Model) -> Self {
         self.altered_by(definition, Engine::Tape)
     }

@@ -1,5 +1,5 @@
 //! Tests that hide an effect in the data and require finding it: families of systems, truths that the model file does not show,
-//! and the tool as a process that sees the model and the records only. docs/notebook/blind.md describes it.
+//! and the tool as a process that sees the model and the records only. studies/README.md describes it.
 //!
 //! The whole set: `cargo test --release --manifest-path studies/Cargo.toml --test blind -- --ignored --nocapture`.
 #![allow(clippy::print_stdout, reason = "studies print their figures")]

@@ -35,7 +35,7 @@ fn model(file: &str) -> Model {
 
 const HALVES: [&str; 2] = ["first_half.csv", "second_half.csv"];
 
-/// The structure was chosen inside the first half (`studies_trex550`), that of the rigid body too.
+/// The structure was chosen inside the first half (studies/trex550.rs), that of the rigid body too.
 #[test]
 fn late_sticks_are_found_and_roll_is_predicted_better_than_by_any_rigid_body() {
     let known = || ["skew", "Llon", "Lq"].map(String::from);

@@ -1,5 +1,5 @@
 //! Functional mock-up units as parts of a model: beside the same part as text, whose derivatives are exact. The units are made here, by our own
-//! export; foreign ones stand in the notebook.
+//! export; foreign ones stand in docs/notebook/studies.csv.
 
 use fdm::estimate::{FitOptions, fit};
 use fdm::linear::{LinearModel, Values};

@@ -70,7 +70,7 @@ pub(super) fn read(
 }
 
 impl Limit {
-    /// The same in another graph.
+    /// This limit in another graph.
     pub(super) fn moved<E>(self, mut to: impl FnMut(ExprId) -> Result<ExprId, E>) -> Result<Self, E> {
         let width = self.width.map(&mut to).transpose()?;
         Ok(Self { lower: to(self.lower)?, upper: to(self.upper)?, width })

@@ -89,7 +89,7 @@ pub struct Derivatives {
     pub limits: Jacobian,
     /// Of the guards of all events, then of the values that they set.
     pub events: Partials,
-    /// The same by time.
+    /// Of the guards of all events, then of the values that they set, by time.
     pub events_by_time: Jacobian,
     /// Of the rates by time, where there are events: elsewhere nothing asks for it.
     pub rates_by_time: Jacobian,
@@ -104,7 +104,8 @@ pub fn differentiate(model: &mut Model) -> Derivatives {
     differentiate_within(model, u32::MAX as usize).unwrap_or_default()
 }
 
-/// The same, as long as the graph does not have more nodes than `most` by then.
+/// Differentiates every equation of the model by every leaf it depends on, as long as the graph does not have more
+/// nodes than `most` by then.
 ///
 /// # Errors
 /// [`Swollen`]; what joined the graph by then is still there.

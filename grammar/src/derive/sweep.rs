@@ -86,7 +86,7 @@ impl Sweep {
         self.by(graph, wanted, !short, most)
     }
 
-    /// The same in one of both ways.
+    /// Derivatives by one of both ways: a sweep for each leaf, or one backwards.
     pub(super) fn by(
         &self,
         graph: &mut Graph,

@@ -7,7 +7,7 @@ use std::collections::HashMap;
 /// The value of a signal at the first sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Beginning {
-    /// The same in every run.
+    /// One value in every run.
     Same(f64),
     /// Another in each; a typical one.
     Varies(f64),

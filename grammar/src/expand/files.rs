@@ -15,7 +15,8 @@ pub fn gather(source: &mut Source, read: &mut dyn FnMut(&str) -> Result<String, 
     gather_kept(source, &mut |name| library::of(name).map_or_else(|| read(name), |part| part.map(str::to_string)));
 }
 
-/// The same for texts that were kept: `read` is asked for parts of the library too, which may have been others then.
+/// Adds every file that the model uses, and those that these use, from texts that were kept: `read` is asked for parts
+/// of the library too, which may have been others then.
 pub fn gather_kept(source: &mut Source, read: &mut dyn FnMut(&str) -> Result<String, String>) {
     let mut next = 0;
     while let Some(text) = source.texts().get(next) {

@@ -232,7 +232,7 @@ fn long_and_deep_texts_take_time_in_proportion() {
     assert!(once.lines().all(|l| l.chars().count() <= WIDTH.max(420)));
 }
 
-/// The same words with other spaces, line ends and comments between them.
+/// The words of a text with other spaces, line ends and comments between them.
 fn scatter(text: &str, choices: &[u8]) -> String {
     const BETWEEN: [&str; 12] =
         [" ", "  ", "\t", "\n", "\r\n", "\n\n\n", " // ü µ \n", "/* a\n  b */", "\n// own\n", " /**/ ", "\n\n  ", " "];

@@ -130,7 +130,7 @@ impl State {
         [self.initial].into_iter().chain(self.noise).chain(limits.into_iter().flatten()).chain(self.of_events())
     }
 
-    /// The same, to be changed.
+    /// All its expressions but the rate, to be changed.
     pub(crate) fn beside_rate_mut(&mut self) -> impl Iterator<Item = &mut ExprId> {
         let limits = self.limits.as_mut().map(|l| [&mut l.lower, &mut l.upper]);
         let resets = self.resets.iter_mut().flat_map(|r| [&mut r.guard, &mut r.value]);
@@ -142,7 +142,7 @@ impl State {
         [self.rate].into_iter().chain(self.beside_rate())
     }
 
-    /// The same, to be changed.
+    /// All its expressions, to be changed.
     pub(crate) fn expressions_mut(&mut self) -> impl Iterator<Item = &mut ExprId> {
         let limits = self.limits.as_mut().map(|l| [&mut l.lower, &mut l.upper]);
         let resets = self.resets.iter_mut().flat_map(|r| [&mut r.guard, &mut r.value]);
@@ -257,7 +257,8 @@ pub struct Output {
     pub expr: ExprId,
     /// Standard deviation of the measurement noise, when it is known (`noise y = 0.02;`).
     pub noise: Option<f64>,
-    /// The same as an expression of everything, when it is not one number (`noise y = 0.02 + 0.1*abs(y);`).
+    /// Standard deviation of the measurement noise as an expression of everything, when it is not one number (`noise y
+    /// = 0.02 + 0.1*abs(y);`).
     pub noise_model: Option<ExprId>,
     /// The period of an angle: values that differ by a multiple of it are the same.
     pub wrap: Option<f64>,
@@ -274,7 +275,7 @@ impl Output {
         [self.expr].into_iter().chain(self.noise_model)
     }
 
-    /// The same, to be changed.
+    /// Its expression and that of its noise, to be changed.
     pub fn expressions_mut(&mut self) -> impl Iterator<Item = &mut ExprId> {
         [&mut self.expr].into_iter().chain(&mut self.noise_model)
     }

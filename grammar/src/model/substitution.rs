@@ -88,7 +88,7 @@ impl Model {
         self.states.iter().flat_map(State::beside_rate).chain(derived).chain(outputs).chain(trim)
     }
 
-    /// The same, to be changed.
+    /// All expressions but the rates, to be changed.
     fn values_mut(&mut self) -> impl Iterator<Item = &mut ExprId> {
         let derived = self.derived.iter_mut().map(|d| &mut d.expr);
         self.states

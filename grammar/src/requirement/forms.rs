@@ -9,7 +9,7 @@ pub(super) enum Argument {
     State,
     /// A state or an output, perhaps with a minus.
     Signal,
-    /// The same, without.
+    /// A state or an output, without a minus.
     Row,
     /// A state or an input.
     Column,

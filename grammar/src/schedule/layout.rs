@@ -155,11 +155,11 @@ pub struct Patterns {
     pub limits_by_param: Pattern,
     /// Guards of all events and the values that they set, by n.
     pub events_by_state: Pattern,
-    /// The same by m.
+    /// Guards of all events and the values that they set, by m.
     pub events_by_input: Pattern,
-    /// The same by p.
+    /// Guards of all events and the values that they set, by p.
     pub events_by_param: Pattern,
-    /// The same by time (one column).
+    /// Guards of all events and the values that they set, by time (one column).
     pub events_by_time: Pattern,
 }
 

@@ -40,7 +40,7 @@ pub struct Schedule {
     pub by_input: Program,
     /// Guards of all events, which pass zero upwards when they happen, and the values that they set.
     pub events: Program,
-    /// The same, and their partials by states, inputs, parameters and time.
+    /// Guards of all events and the values that they set, and their partials by states, inputs, parameters and time.
     pub events_and_partials: Program,
     /// f_t: a row for each state (n), of which structural zeros are not written.
     pub rates_by_time: Program,
@@ -53,7 +53,8 @@ impl Schedule {
         Self::ordered(model, &d)
     }
 
-    /// The same, as long as the graph of the derivatives does not have more nodes than `most`.
+    /// Differentiates the model and orders everything, as long as the graph of the derivatives does not have more nodes
+    /// than `most`.
     ///
     /// # Errors
     /// [`Swollen`].

@@ -272,7 +272,7 @@ pub fn typeset_name(name: &str) -> String {
     with_indices(name, |letter| letter)
 }
 
-/// The same with something done to what has the indices.
+/// A name with its indices, and something done to what has them.
 fn with_indices(name: &str, dressed: impl Fn(String) -> String) -> String {
     let mut parts = name.split(['_', '.']);
     let first = parts.next().unwrap_or_default();

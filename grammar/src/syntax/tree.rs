@@ -385,7 +385,7 @@ impl Nodes {
         }
     }
 
-    /// The same nodes made of other expressions.
+    /// These nodes made of other expressions.
     #[must_use]
     pub fn moved(&self, mut to: impl FnMut(ExprRef) -> ExprRef) -> Self {
         match self {

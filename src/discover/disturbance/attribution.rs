@@ -53,11 +53,12 @@ pub struct Attribution {
     /// Gain in log-likelihood by the best effect beside noise of any smooth spectrum, less what its parameters cost; none
     /// where no effect was fitted.
     pub by_effect: Option<f64>,
-    /// The same by a random disturbance at the best place.
+    /// Gain in log-likelihood by a random disturbance at the best place, less what it costs.
     pub by_disturbance: f64,
-    /// The same by a disturbance that is one function of states and inputs in all runs.
+    /// Gain in log-likelihood by a disturbance that is one function of states and inputs in all runs, less what it
+    /// costs.
     pub by_nonlinearity: f64,
-    /// The same by effect and random disturbance.
+    /// Gain in log-likelihood by effect and random disturbance together, less what both cost.
     pub by_both: Option<f64>,
     /// What is still unexplained after the best effect, in words.
     pub warnings: Vec<String>,

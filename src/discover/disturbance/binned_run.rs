@@ -117,7 +117,7 @@ impl BinnedRun {
         columns
     }
 
-    /// The same with outputs turned into combinations of them.
+    /// This run with outputs turned into combinations of them.
     pub(super) fn turned(&self, mixing: Mixing) -> Self {
         let (q, p) = (self.channels(), self.fitted[0].ncols());
         let mut turned = Self { mixing: Some(mixing), ..self.clone() };

@@ -60,7 +60,8 @@ pub(super) struct Settled {
     pub(super) strength: f64,
     /// Logarithm of the restricted likelihood less what the spectra cost.
     pub(super) score: f64,
-    /// The same with the fitted parameters at their values, not integrated over: comparable between models.
+    /// Logarithm of the likelihood with the fitted parameters at their values, not integrated over: comparable between
+    /// models.
     pub(super) profile: f64,
 }
 

@@ -55,7 +55,8 @@ pub struct Localisation {
     /// Logarithm of the likelihood of the residuals when all of them are noise of smooth spectra, less what the spectra
     /// cost: comparable between models that were fitted to the same runs.
     pub noise_alone: f64,
-    /// The same with the best disturbance in it, less its cost; that of noise alone when no disturbance is better.
+    /// Logarithm of the likelihood with the best disturbance in the residuals, less its cost; `noise_alone` when no
+    /// disturbance is better.
     pub with_disturbance: f64,
     /// Spectrum of each output's noise when there is no disturbance.
     pub spectra: Vec<SmoothSpectrum>,

@@ -19,7 +19,7 @@ pub(super) struct NullModel {
     /// Outputs as they were measured, with noise alone.
     pub(super) binned_runs: Vec<BinnedRun>,
     pub(super) noise: Settled,
-    /// The same for combinations of outputs that have independent noises, where those of the outputs are not.
+    /// Bins and noise of combinations of outputs that have independent noises, where those of the outputs are not.
     turned: Option<(Vec<BinnedRun>, Settled)>,
     /// What turning adds to a log-likelihood, and what it costs.
     volume: f64,

@@ -116,7 +116,7 @@ pub(super) fn gains(channels: &[OutputResidual<'_>]) -> Vec<Gain> {
     gains_of(&channels.iter().map(Signals::of).collect::<Vec<_>>())
 }
 
-/// The same of bins.
+/// Where gain or phase of bins differ clearly.
 pub(super) fn gains_of(bins: &[Signals]) -> Vec<Gain> {
     let Some(longest) = bins.iter().max_by_key(|l| l.frequency.len()) else { return Vec::new() };
     let power: f64 = bins.iter().flat_map(|l| &l.response).map(|y| y * y).sum();

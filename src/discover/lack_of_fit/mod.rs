@@ -105,7 +105,7 @@ pub(crate) struct BinnedResidual {
     pub frequency: Vec<f64>,
     /// Measured bins (2 M by q), of the variance of samples; NaN where nothing was measured.
     pub measured: Vec<f64>,
-    /// Those of the model.
+    /// Bins of the model's response (2 M by q).
     pub response: Vec<f64>,
     /// Samples in time.
     pub samples: usize,

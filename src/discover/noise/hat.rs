@@ -40,7 +40,7 @@ impl Hat {
         self.add_weight(weight, information);
     }
 
-    /// The same of their precision alone.
+    /// Adds what a bin at this place tells of the knots' precision alone.
     pub(super) fn add_weight(self, weight: f64, information: &mut Pentadiagonal) {
         self.parts().for_each(|(k, part)| information.add(k, k, weight * part * part));
         if self.above > 0.0 {

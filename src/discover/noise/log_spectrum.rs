@@ -25,7 +25,8 @@ const ALIKE: f64 = 0.02;
 const SPACING: f64 = 0.14;
 /// Most knots.
 const MOST: usize = 72;
-/// The same where bands are narrow, for a resonance: knots are as near as these, within limits.
+/// Least and greatest distance of knots where bands are narrow, for a resonance: knots are as near as bands, within
+/// these limits.
 const NARROW: (f64, f64) = (0.03, 0.08);
 const MOST_NARROW: usize = 240;
 /// Deviations of second differences of knots at a distance of 0.3 that are weighed against each other; a resonance of quality 3 has
@@ -41,7 +42,7 @@ const APART: f64 = 1.2;
 const HOPELESS: f64 = 4.0;
 /// Prior probability of all smooth spectra together: as much as that of each of the five families with few numbers.
 const SMOOTH: f64 = 1.0 / 6.0;
-/// The same beyond which a spectrum is forgotten.
+/// How much less likely than the likeliest a spectrum is, in log-likelihood, beyond which it is forgotten.
 const NEGLIGIBLE: f64 = 12.0;
 /// Deviation of the slope d log S / d log f.
 const SLOPE: f64 = 1.0;
@@ -216,8 +217,8 @@ impl LogSpectrum {
         Self::of_bands((left, level), false, None)
     }
 
-    /// The same of bands some of which may be narrow, for a resonance. The iterations begin at a spectrum of the same bands, where there is one
-    /// that what is left may be like.
+    /// Fits bands of one output some of which may be narrow, for a resonance. The iterations begin at a spectrum of the
+    /// same bands, where there is one that what is left may be like.
     pub(crate) fn of_bands((left, level): (&[ResidualPower], f64), narrow: bool, like: Option<&Self>) -> Self {
         let lowest = lowest(left);
         let (means, left): (Vec<ResidualPower>, Vec<ResidualPower>) =
@@ -279,7 +280,7 @@ impl LogSpectrum {
         self
     }
 
-    /// The same everywhere, and known.
+    /// A spectrum of one level at all frequencies, which is known.
     pub fn flat(level: f64) -> Self {
         Self {
             knots: vec![0.0],
@@ -333,8 +334,8 @@ impl LogSpectrum {
         self.with_means_at(self.mean.value, log_frequency)
     }
 
-    /// The same where the means of records are heard of by all other bins alone. What the means hold may be an offset: noise that is told by
-    /// them would hide it.
+    /// S at a frequency where the means of records are heard of by all other bins alone. What the means hold may be an
+    /// offset: noise that is told by them would hide it.
     pub(crate) fn without_means_at(&self, log_frequency: f64) -> f64 {
         self.with_means_at(self.mean.unheard, log_frequency)
     }
@@ -405,7 +406,7 @@ impl LogSpectrum {
         self.parts.iter().map(of).sum()
     }
 
-    /// The same at one place.
+    /// Uncertainty of log S at one place.
     fn uncertainty_at(&self, log_frequency: f64) -> f64 {
         let below = (self.knots[0] - log_frequency).max(0.0);
         let hat = Hat::at(&self.knots, log_frequency);

@@ -354,7 +354,7 @@ impl Parametric {
         (log, slope)
     }
 
-    /// The same at all of these.
+    /// Log S and its slopes at all of these frequencies.
     pub(super) fn along(&self, log_frequencies: &[f64]) -> (DVector<f64>, DMatrix<f64>) {
         let mut values = DVector::zeros(log_frequencies.len());
         let mut slopes = DMatrix::zeros(log_frequencies.len(), MOST);

@@ -8,7 +8,7 @@
 const LEAST: f64 = 0.002;
 const MOST: f64 = 0.4;
 const DAMPING: (f64, f64) = (-3.0, 1.0);
-/// The same of w over z.
+/// Mean and deviation beforehand of the logarithm of w over z.
 const HEIGHT: (f64, f64) = (1.5, 1.0);
 /// Damping ratios that a fit begins with, as parts of the width of the band that stands out.
 const WIDTHS: [f64; 2] = [0.2, 0.7];
@@ -140,7 +140,7 @@ impl Resonance {
         })
     }
 
-    /// The same in another form: of a peak that had none a height is expected.
+    /// This resonance in another form: of a peak that had none a height is expected.
     pub(super) fn in_form(self, form: Form) -> Self {
         Self { form, ..self }
     }

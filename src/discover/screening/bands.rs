@@ -13,7 +13,7 @@ use std::ops::Range;
 const WIDTH: f64 = 1.12;
 /// Fewest bins of a band, of the longest run; the lowest ones stand alone, since under noise of long memory each has its level.
 const FEWEST: usize = 4;
-/// The same of bands near a resonance, and how near that is, in log f.
+/// Ratio of the frequencies at which bands near a resonance begin, and how near that is, in log f.
 const NARROW: f64 = 1.03;
 const NEAR: f64 = 0.3;
 /// What is left of a band's products when they are factored, in units of the noise: shared columns have about unit energy in

@@ -19,7 +19,7 @@ use rayon::prelude::*;
 const LOST: f64 = 1e-5;
 /// Fitted columns with less than this share of their energy beside the others are made of them.
 const MADE: f64 = 1e-12;
-/// The same for directions beside the fitted columns.
+/// Directions with less than this share of their energy beside the fitted columns are made of these.
 const NOTHING: f64 = 1e-9;
 /// OutputBins by which a part tells one point of the residual's spectrum.
 const BAND: usize = 8;
@@ -61,7 +61,7 @@ pub(super) struct Basis {
     pub(super) fitted: DMatrix<f64>,
     /// r by m directions.
     pub(super) directions: DMatrix<f64>,
-    /// The same, of unit norm.
+    /// Directions of unit norm.
     pub(super) unit: DMatrix<f64>,
     /// Fitted columns at the end that are not those of parameters.
     pub(super) ends: usize,

@@ -113,7 +113,7 @@ impl Frame {
         self.beside_fit(&strong.columns(0, strong.ncols().min(self.room(bins))).into_owned())
     }
 
-    /// The same of what a residual follows.
+    /// What a residual follows of the directions.
     pub(super) fn pursuit(&self, bins: usize) -> Pursuit {
         let usable = |k: &usize| self.directions.column(*k).norm_squared() > ABSORBED * self.energy[*k];
         let usable: Vec<usize> = (0..self.directions.ncols()).filter(usable).collect();

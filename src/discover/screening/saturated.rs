@@ -123,9 +123,9 @@ pub(super) fn densities(bands: &Bands, spectra: &[LogSpectrum]) -> Vec<f64> {
     bands.list.iter().map(|band| spectra[band.channel].inflated(band.log_frequency)).collect()
 }
 
-/// The same, however little is known of it: by this it is judged what a residual follows. Where there are several runs it is without a word of
-/// their means: such that are off for want of an effect would be called noise that wanders, and no offset be followed by them. One mean alone
-/// may be slow noise as well.
+/// S of each band, however little is known of it: by this it is judged what a residual follows. Where there are several
+/// runs it is without a word of their means: such that are off for want of an effect would be called noise that
+/// wanders, and no offset be followed by them. One mean alone may be slow noise as well.
 pub(super) fn likeliest(bands: &Bands, spectra: &[LogSpectrum]) -> Vec<f64> {
     let of = |band: &Band| {
         let (spectrum, several) = (&spectra[band.channel], band.count > 1);
@@ -137,7 +137,7 @@ pub(super) fn likeliest(bands: &Bands, spectra: &[LogSpectrum]) -> Vec<f64> {
 /// How far a resonance stands out of what is beside it, in log S.
 pub(super) const PROMINENT: f64 = 1.5;
 
-/// The same with columns for the ends of all records in whose noise there is a resonance; none where there is none.
+/// The basis with columns for the ends of all records in whose noise there is a resonance; none where there is none.
 pub(super) fn with_ends(shared: &Basis, spectra: &[LogSpectrum]) -> Option<Basis> {
     let peaks: Vec<Option<f64>> = spectra.iter().map(|s| s.peak(PROMINENT)).collect();
     let cut = |part: &OutputPart| part.sampled && peaks[part.channel].is_some();
@@ -179,7 +179,7 @@ const EQUAL: f64 = 1e-3;
 /// Sums of directions by which runs are compared.
 const PROBES: usize = 6;
 
-/// The same bins with repeated runs turned; `None` where no run repeats another.
+/// The bins with repeated runs turned; `None` where no run repeats another.
 pub(super) fn turned(shared: &Basis) -> Option<Basis> {
     let groups = groups(shared);
     if groups.iter().all(|g| g.len() < 2) {

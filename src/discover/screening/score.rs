@@ -7,11 +7,12 @@ use nalgebra::{DMatrix, DVector};
 pub enum Shape {
     /// In proportion, of either sign: a derivative at the null value.
     Linear,
-    /// The same where the null is the least value that there can be: a friction is none below zero.
+    /// In proportion, where the null is the least value that there can be: a friction is none below zero.
     Rising,
     /// The whole difference that this size makes: believed from half to twice as much.
     Finite,
-    /// The same for the smallest size that was tried on its side of the null, below which the effect fades to nothing.
+    /// The whole difference that the smallest size makes that was tried on its side of the null, below which the effect
+    /// fades to nothing.
     Smallest,
     /// Linear together with the candidate's other directions of the same group: two or more parameters at once.
     Joint {
@@ -76,7 +77,7 @@ impl Trial {
         Score::joint(gram, own)
     }
 
-    /// The same for the statistic alone.
+    /// The statistic alone of the score.
     pub(super) fn statistic(&self, z: &[f64], product: impl Fn(usize, usize) -> f64) -> f64 {
         match self.members[..] {
             [k] => Score::amount(self.shape, z[k], product(k, k)).1,

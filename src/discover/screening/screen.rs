@@ -161,8 +161,8 @@ pub fn screen(
     screened(records, None, channels, directions, options)
 }
 
-/// The same for signals that are bins of some transform already, in which noise is independent from bin to bin: `frequencies` has
-/// the frequency of every row of each run, rising. None of them is left out.
+/// Screens signals that are bins of some transform already, in which noise is independent from bin to bin:
+/// `frequencies` has the frequency of every row of each run, rising. None of them is left out.
 ///
 /// # Errors
 /// [`ScreeningError`]; what it calls samples are bins.
@@ -204,7 +204,7 @@ pub fn spectra(
     Ok(Saturated::new(gathered(records, None, channels, options)?).noise.spectra)
 }
 
-/// The same for signals that are bins already.
+/// Spectrum of each output's noise from signals that are bins of some transform already.
 ///
 /// # Errors
 /// [`ScreeningError`]; what it calls samples are bins.
@@ -351,7 +351,8 @@ impl<'a> Judge<'a> {
         -equivalents.enumerate().map(chance).fold(1.0, f64::min).ln()
     }
 
-    /// The same for residuals of noise alone, drawn from spectra as likely as the one that was found.
+    /// The least chance of any candidate, as minus its logarithm, for each of these residuals of noise alone, drawn from
+    /// spectra as likely as the one that was found.
     fn draws(&self, range: Range<usize>) -> Vec<f64> {
         let starts: Vec<usize> = range.clone().step_by(BATCH).collect();
         let batch = |first: usize| self.batch(first..range.end.min(first + BATCH));

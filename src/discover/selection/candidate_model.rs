@@ -33,16 +33,16 @@ const SPARE: usize = 5;
 const HALVED: usize = 8;
 /// Difference of two costs that is none, in parts of them.
 const EQUAL: f64 = 1e-12;
-/// Iterations of a first look, and what one of them must predicted gain.
+/// Iterations of a first look, and what one of them must be predicted to gain.
 const LOOK: usize = 3;
 const ROUGH: f64 = 0.5;
-/// The same where a candidate is only glanced at, and the points that it is glanced at.
+/// Iterations where a candidate is only glanced at, and the points that it is glanced at.
 const GLANCE: usize = 2;
 const GLANCED_AT: usize = 2;
 /// Ratio of values of what is fixed that are tried beside each other, and how often to each side.
 const FACTOR: f64 = 1.5;
 const STEPS: usize = 6;
-/// Iterations of a fit, and what one of them must predicted gain.
+/// Iterations of a fit, and what one of them must be predicted to gain.
 const WHOLE: usize = 25;
 pub(super) const FINE: f64 = 0.01;
 
@@ -212,7 +212,7 @@ impl ForwardStep<'_> {
         )
     }
 
-    /// What a candidate gains by a iteration or two from the point that does best.
+    /// What a candidate gains by an iteration or two from the point that does best.
     pub(super) fn glance(&self, t: usize, projection: &Projection, noise: &CommonNoise, base: &Fitting) -> Option<f64> {
         let effort = Effort { looked_at: GLANCED_AT, followed: 1, iterations: GLANCE };
         self.followed(t, (projection, noise, base), effort).map(|candidate| candidate.gain)

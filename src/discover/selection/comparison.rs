@@ -76,13 +76,13 @@ impl ForwardStep<'_> {
         self.comparison_of(FEWEST..=MOST, progress)
     }
 
-    /// The same of all candidates, whatever screening predicts: where the model is far off, its error passes for noise and predicts say
-    /// little.
+    /// Fits all candidates jointly with the model, whatever screening predicts: where the model is far off, its error
+    /// passes for noise and predicted gains say little.
     pub(super) fn comparison_of_all(&mut self, progress: &Progress<'_>) -> Result<Comparison, DiagnosisError> {
         self.comparison_of(usize::MAX..=usize::MAX, progress)
     }
 
-    /// The same of so many candidates, the fewest and the most.
+    /// Fits so many candidates, the fewest and the most, jointly with the model.
     pub(super) fn comparison_of(
         &mut self,
         count: RangeInclusive<usize>,

@@ -268,7 +268,7 @@ pub(super) fn one_law(accepted: &[Accepted]) -> Vec<String> {
     said(&terms)
 }
 
-/// The same of places and what is added there.
+/// A sentence for each of these places to which more than one effect adds a term.
 fn said(terms: &[(String, String)]) -> Vec<String> {
     let mut places: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
     terms.iter().for_each(|(place, effect)| places.entry(place).or_default().push(effect));

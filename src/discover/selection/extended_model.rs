@@ -96,7 +96,7 @@ impl AttachedEffect {
         self.theta_from(&current.theta[run], run, values)
     }
 
-    /// The same with these values of the base model's parameters.
+    /// All parameters of a run, with these values of the base model's parameters and of the new ones.
     pub(super) fn theta_from(&self, base: &[f64], run: usize, values: &[f64]) -> Vec<f64> {
         let mut theta = self.definition.start();
         for (k, value) in self.old.iter().zip(base) {

@@ -169,7 +169,7 @@ pub(super) fn split_fit(
     split_fit_within(current, runs, noise, (60, NOTHING))
 }
 
-/// The same in so many iterations at most, as long as one predicts to gain so much.
+/// Fits a fitted model by a noise in so many iterations at most, as long as one predicts to gain so much.
 pub(super) fn split_fit_within(
     current: &FittedModel,
     runs: Runs<'_>,

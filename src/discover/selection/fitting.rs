@@ -8,7 +8,7 @@ use fdm_grammar::model::Param;
 use fdm_system::dynamics::Dynamics;
 use fdm_system::record::Run;
 
-/// What a iteration must predicted gain to gain in log-likelihood.
+/// What an iteration must be predicted to gain in log-likelihood.
 pub(super) const NOTHING: f64 = 1e-3;
 
 /// A model over runs, judged by one noise.
@@ -62,7 +62,7 @@ impl<'a> FitProblem<'a> {
         })
     }
 
-    /// The same with everything fixed that all runs share: what a validation run still leaves open.
+    /// This fitting with everything fixed that all runs share: what a validation run still leaves open.
     pub(super) fn validation(mut self) -> Self {
         self.params.iter_mut().filter(|p| !p.per_run).for_each(|p| p.fixed = true);
         self

@@ -76,8 +76,8 @@ fn is_still(run: &Run, q: usize) -> bool {
     })
 }
 
-/// The same, but once `goes_on` says no, nothing is begun any more: what was accepted by then is the result, and it says that it
-/// was stopped.
+/// As [`diagnose`], but once `goes_on` says no, nothing is begun any more: what was accepted by then is the result, and
+/// it says that it was stopped.
 ///
 /// # Errors
 /// As [`diagnose`], and [`DiagnosisError::Stopped`] before the base model is fitted and the candidates are screened.
@@ -400,7 +400,7 @@ impl<'a> ForwardSelection<'a> {
         if confirmed(step, &comparison) < alpha {
             return Ok(comparison);
         }
-        // something is there, and none of those that predicted gain most is it
+        // something is there, and none of those that were predicted to gain most is it
         step.comparison_of_all(self.progress)
     }
 

@@ -54,7 +54,7 @@ pub(super) fn repeated(step: &ForwardStep<'_>, candidate: &CandidateModel) -> Op
     added.repeated.or((lag && added.left.is_empty()).then_some(Repeated::Lag)).filter(|r| lag || *r != Repeated::Lag)
 }
 
-/// The same of a model with several effects in the end, some of them stand-ins.
+/// What a model with several effects in the end, some of them stand-ins, says once more of the free motion.
 pub(super) fn repeated_in_the_end(runs: &[Run], own: AtValues<'_>, extended: AtValues<'_>) -> Option<Repeated> {
     let added = added(runs, own, extended)?;
     added.repeated.filter(|r| added.may_be_lag || *r != Repeated::Lag)

@@ -97,7 +97,7 @@ pub(super) struct Level {
     /// Its joint fit by the noise.
     pub(super) split: SplitFit,
     written: Result<WrittenModel, String>,
-    /// The same over all samples, where the search compares a part of them.
+    /// The written model over all samples, where the search compares a part of them.
     pub(super) over_all: Option<Result<WrittenModel, String>>,
     /// What a stand-in among its effects says once more of the free motion of the model as it was given.
     repeats: Option<Repeated>,
@@ -392,9 +392,10 @@ impl FrontProblem<'_> {
         self.advantage(predicted, naive, naive).is_none_or(|gained| gained.reduction < -CONTRADICTED * gained.error)
     }
 
-    /// The same by joint fits to parts of the runs, the errors as plain: in a noise of narrow bands plain fits to parts move about, and by so
-    /// much that a delay of 15 nats seems to be contradicted by three standard errors. Yes where there are no such fits. The second holds what
-    /// the model as it was given predicts so.
+    /// Whether joint fits to parts of the runs predict worse than the model as it was given, the errors as plain: in a
+    /// noise of narrow bands plain fits to parts move about, and by so much that a delay of 15 nats seems to be
+    /// contradicted by three standard errors. Yes where there are no such fits. The second holds what the model as it
+    /// was given predicts so.
     fn is_worse_by_joint_fits(&self, level: &Level, given: &OnceCell<Option<Predicted>>) -> bool {
         let of = |model: &FittedModel, theta: &[Vec<f64>]| self.predicted(model, (model, theta), FoldFit::ByNoise);
         let Some(naive) = given.get_or_init(|| of(self.first, &self.first.theta)) else { return true };
@@ -454,7 +455,7 @@ impl FrontProblem<'_> {
         Some(other).filter(|other| other.ratio() < level.ratio())
     }
 
-    /// The same model with its effects in the other order.
+    /// A model with its effects in the other order.
     fn turned(&self, level: &Level) -> Option<Level> {
         let mut accepted = level.accepted.clone();
         accepted.reverse();
@@ -539,7 +540,7 @@ impl FrontProblem<'_> {
         likelihood_as_noise(fitted, runs, self.noise.growths(), &left)
     }
 
-    /// The same of those that are of a kind.
+    /// The model that is chosen among those that are of a kind.
     fn chosen_of(&self, levels: &[Level], naive: &Predicted, is: impl Fn(&Level) -> bool) -> Option<usize> {
         let sound = |k: &usize| is(&levels[*k]) && levels[*k].objection().is_none();
         let error = |k: &usize| levels[*k].predicted.as_ref().map_or(f64::INFINITY, |p| self.relative(p, naive));
@@ -576,7 +577,8 @@ impl FrontProblem<'_> {
         }
     }
 
-    /// The same of two written models, each with what it was fitted from.
+    /// Whether one of two written models, each with what it was fitted from, predicts better by more than one standard
+    /// error of the difference.
     pub(super) fn predicts_better(
         &self,
         own: (&FittedModel, &FittedModel),

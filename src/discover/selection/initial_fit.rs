@@ -133,7 +133,7 @@ pub(super) fn plain_fit(
     plain_fit_told(current, theta, runs, (options, goes_on), thoroughness).map(|(fitted, _)| fitted)
 }
 
-/// The same as `fit` would, with what it tells of the training runs.
+/// Fits plainly as `fit` would, with what it tells of the training runs.
 ///
 /// # Errors
 /// Why there is none, in words.

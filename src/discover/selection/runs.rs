@@ -297,7 +297,7 @@ pub enum Domain {
 }
 
 impl Domain {
-    /// The same with everything chosen that was left open; `runs` are the training runs.
+    /// This domain with everything chosen that was left open; `runs` are the training runs.
     ///
     /// # Errors
     /// [`DiagnosisError`]: models without a linear response, bands without bins.

@@ -1,7 +1,7 @@
 //! Which candidates are worth a fit.
 //!
 //! Screening knows what a small step predicts. Where much is missing the fitted parameters have moved far to make up for it, and a
-//! backlash that gains a hundred nats may predicted gain five: those that come next are then looked at by a iteration or two of a joint fit.
+//! backlash that gains a hundred nats may have a predicted gain of five: those that come next are then looked at by an iteration or two of a joint fit.
 //!
 //! How likely a residual is as noise of any smooth spectrum: what tells of an effect where nothing else tells of the noise.
 //!
@@ -52,7 +52,7 @@ impl ForwardStep<'_> {
         chosen
     }
 
-    /// All candidates by what they predicted gain in a metric, less their penalty.
+    /// All candidates by what they are predicted to gain in a metric, less their penalty.
     pub(super) fn ranked_by_predicted_gain(&self, projection: &Projection) -> Vec<(f64, usize)> {
         let prediction =
             |t: usize| (self.predictions(t, projection).first().map_or(0.0, |p| p.gain) - self.penalty(t), t);
@@ -87,7 +87,7 @@ fn sort(ranked: &mut [(f64, usize)]) {
     ranked.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
 }
 
-/// Candidates that are asked: those that predicted gain most.
+/// Candidates that are asked: those that are predicted to gain most.
 const ASKED: usize = 24;
 
 /// The candidate without which a residual is likelier as noise.

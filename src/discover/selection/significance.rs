@@ -3,8 +3,8 @@
 //! Screening predicts a gain; what the joint fit gains on the training runs may be less. The statistic of a fitted candidate is
 //! then the lesser of both. It is judged by the distribution that the predicted gain has under noise: what is never larger than another
 //! statistic is large no more often. What the leader by these runs does on the validation ones is a second chance beside
-//! it (`held_test`). So it is with the candidate without which the residual is likelier as noise of any smooth spectrum (`own_noise`), where
-//! predicts say nothing. A gain far beyond all that speaks for itself.
+//! it ([`validation_chance`]). So it is with the candidate without which the residual is likelier as noise of any smooth
+//! spectrum (`unlikely` of [`Comparison`]), where predicted gains say nothing. A gain far beyond all that speaks for itself.
 //!
 //! What validation runs say of an effect by themselves, and what they and the first runs say together.
 //!

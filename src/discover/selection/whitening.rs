@@ -281,7 +281,7 @@ impl CommonNoise {
         }
     }
 
-    /// The same noise, whose deviation grows with the signals: the spectra are those of what is left of it then.
+    /// This noise, whose deviation grows with the signals: the spectra are those of what is left of it then.
     pub(super) fn growing(&self, growth: &Arc<[Option<Growth>]>) -> Self {
         Self { growth: Arc::clone(growth), ..self.clone() }
     }
@@ -296,7 +296,7 @@ impl CommonNoise {
         self.growth.get(output)?.as_ref()
     }
 
-    /// The same noise, but nowhere more than this.
+    /// This noise, but nowhere more than these bounds.
     pub(super) fn within(&self, bounds: Vec<LogSpectrum>) -> Self {
         Self { bounds, ..self.clone() }
     }
@@ -306,7 +306,7 @@ impl CommonNoise {
         self.validation.as_deref().unwrap_or(self)
     }
 
-    /// The same noise, with more of it in validation runs.
+    /// This noise, with more of it in validation runs.
     pub(super) fn with_excess(&self, excess: Vec<ExcessNoise>) -> Self {
         let validation = excess.iter().any(|s| !s.is_none());
         let own = Self { validation: None, excess: Vec::new(), ..self.clone() };
@@ -314,7 +314,7 @@ impl CommonNoise {
         Self { validation, ..own }
     }
 
-    /// The same noise, with as much more of it in validation runs as another has there.
+    /// This noise, with as much more of it in validation runs as another has there.
     pub(super) fn with_excess_of(&self, other: &Self) -> Self {
         self.with_excess(other.for_validation().excess.clone())
     }
@@ -342,7 +342,7 @@ impl CommonNoise {
         }
     }
 
-    /// The same of bin `k`.
+    /// Deviation of the noise in bin `k`.
     ///
     /// Bins that screening leaves out keep a small weight, as if the noise rose with the inverse square of the frequency.
     fn deviation(&self, output: usize, k: usize, n: usize, interval: f64) -> f64 {
@@ -352,7 +352,7 @@ impl CommonNoise {
         self.variance(output, frequency.ln()).sqrt() * rise
     }
 
-    /// The same of a bin at a frequency, which is taken as it is.
+    /// Deviation of the noise in a bin at a frequency, which is taken as it is.
     pub(super) fn at(&self, output: usize, frequency: f64) -> f64 {
         self.variance(output, frequency.ln()).sqrt()
     }

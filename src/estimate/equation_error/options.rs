@@ -28,7 +28,8 @@ pub enum Smoothing {
         /// Where the weight is a half, in cycles per unit of time.
         cutoff: f64,
     },
-    /// The same with the cut-off of each channel where its own signal sinks into its own noise (Wiener's filter; Morelli 1995).
+    /// A sine series with the cut-off of each channel where its own signal sinks into its own noise (Wiener's filter;
+    /// Morelli 1995).
     Optimal,
 }
 

@@ -110,7 +110,8 @@ impl<'a> Signals<'a> {
         self.evaluate_at(model, graph, roots, false)
     }
 
-    /// The same; `ending` at the end of the interval before each sample, where inputs that are held have the values of the sample before.
+    /// Expressions at every sample, one series each; `ending` at the end of the interval before each sample, where
+    /// inputs that are held have the values of the sample before.
     pub(super) fn evaluate_at(&self, model: &Model, graph: &Graph, roots: &[ExprId], ending: bool) -> Vec<Vec<f64>> {
         let (n, m) = (self.states.len(), self.run.held.len());
         let theta = &self.theta;

@@ -21,7 +21,7 @@ impl Priors {
         Self { of: (0..unknowns.len()).filter_map(prior).collect(), differences: Vec::new() }
     }
 
-    /// The same and these rows, whose residuals are those where all unknowns are 0.
+    /// These priors with rows of differences, whose residuals are those where all unknowns are 0.
     pub(crate) fn with(self, differences: Vec<PriorRow>) -> Self {
         Self { differences, ..self }
     }

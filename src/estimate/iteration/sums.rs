@@ -12,7 +12,7 @@ use fdm_system::simulate::{Block, Planes};
 const LANES: usize = 8;
 /// Rows that are worked off together where they must be copied first.
 const ROWS: usize = 32;
-/// The same where they are long.
+/// Rows that are worked off together where they are long and must be copied first.
 const MANY_ROWS: usize = 256;
 /// Order from which sums do not stay in the innermost cache between two blocks: rows wait until there are some.
 const LARGE: usize = 48;

@@ -52,7 +52,7 @@ const MANY: usize = 50;
 const POOR: f64 = 0.5;
 /// R^2 of an output below which it is matched badly when what is left over is no noise, but smooth.
 const DOUBTFUL: f64 = 0.95;
-/// The same where even its values are no start.
+/// R^2 of an output with smooth residuals below which even its values are no start.
 const POOR_AND_SMOOTH: f64 = 0.8;
 /// Correlation of neighbouring residuals beyond which they are smooth.
 const SMOOTH: f64 = 0.8;

@@ -120,7 +120,7 @@ pub struct NoiseOfSamples {
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RecoveryStrategy {
-    /// The record was by_continuation step by step.
+    /// Record-length continuation: a short part of the record was fitted first, then longer ones.
     Continuation,
     /// Measured records first took the place of these states in the equations.
     Substitution {

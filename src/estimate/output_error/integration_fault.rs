@@ -16,7 +16,7 @@ pub struct IntegrationFault {
     pub time: f64,
     /// The error there, as a part of the output's range; infinite where the response with half of the steps is not finite.
     pub part: f64,
-    /// The same beside the standard deviation of the output's residual; none where nothing of it was compared.
+    /// The error there beside the standard deviation of the output's residual; none where nothing of it was compared.
     pub beside_residual: Option<f64>,
     /// By how many of its standard errors all errors together may move an estimate, at most; none where nothing was compared.
     pub shift: Option<f64>,

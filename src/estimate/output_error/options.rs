@@ -36,7 +36,7 @@ pub struct FitOptions {
     /// Integration error that is of no consequence, as a part of each output's range; 1e-8 when not given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub accuracy: Option<f64>,
-    /// Whether and how the record is by_continuation from a short one.
+    /// Whether and how the record is fitted by continuation: a short part of it first, then longer ones.
     pub continuation: Continuation,
     /// States whose measured record takes their place in the equations of a first fit, whose result starts the fit of the
     /// full model; `all` for every state that is measured.
@@ -108,17 +108,17 @@ impl FitOptions {
         ResponseOptions { changes, options, frequencies, segments, pairs, coherence, finish }
     }
 
-    /// The same, but noise that the model declares is known where all variances were to be estimated.
+    /// These options, but noise that the model declares is known where all variances were to be estimated.
     pub fn with_declared_noise(mut self, model: &Model) -> Self {
         self.options.noise = self.options.noise.or_declared(&model.definition().outputs);
         self
     }
 }
 
-/// Whether and how the record is by_continuation.
+/// Whether and how a record is fitted by record-length continuation: a short part of it first, then longer ones.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub enum Continuation {
-    /// Only as a rescue, when the start values cannot be used or lead astray.
+    /// Only as a fallback strategy, when the start values cannot be used or lead astray.
     #[default]
     Auto,
     /// Never.
@@ -199,7 +199,7 @@ impl SharedSteps {
         Self { steps, provisional: false }
     }
 
-    /// The same for starts of which only the best is looked at once more.
+    /// These steps for starts of which only the best is looked at once more.
     pub(crate) fn provisional(&self) -> Self {
         Self { steps: self.steps.clone(), provisional: !self.steps.is_empty() }
     }

@@ -105,7 +105,7 @@ impl<'a> CheckpointObserver<'a> {
         Self { observer, ledger, name, states, begun: 0, remember: false }
     }
 
-    /// The same, for [`Self::into_states`].
+    /// This observer, for [`Self::into_states`].
     pub(crate) fn remembering(self) -> Self {
         Self { remember: true, ..self }
     }

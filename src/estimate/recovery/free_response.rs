@@ -91,7 +91,8 @@ impl FreeResponse {
         self.growth() > limit() && widening(runs, share) < BOUNDED * self.growth() * (1.0 - share)
     }
 
-    /// The same whatever the estimates of the first share of the record may be off by; the mode has grown there by an e-fold and more.
+    /// Whether it grows beyond the limit whatever the estimates of the first share of the record may be off by; the
+    /// mode has grown there by an e-fold and more.
     pub(crate) fn is_surely_lost(&self, runs: &[Run], share: f64) -> bool {
         let Some(error) = self.error.filter(|e| *e > 0.0) else { return false };
         let least = Self { rate: self.rate - ERRORS * error, ..self.clone() };

@@ -24,7 +24,7 @@ use std::sync::{Mutex, PoisonError};
 
 /// Costs that differ by less are those of one minimum: a likelihood ratio that no data can tell from one.
 const SAME_COST: f64 = 0.01;
-/// The same relative to the cost, for its rounding.
+/// Costs that differ by less, relative to their size, are those of one minimum: their rounding.
 const SAME_RELATIVE: f64 = 1e-9;
 /// Parameters that differ by less, relative to their size, are those of one minimum; without noise, costs are not.
 const SAME_PLACE: f64 = 1e-6;

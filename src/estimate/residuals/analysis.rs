@@ -94,7 +94,7 @@ pub fn residual_quality(signals: &Signals<'_>) -> Vec<OutputQuality> {
     signals.outputs.iter().enumerate().map(judge).collect()
 }
 
-/// The same for a run of a model, given the model's outputs (N by q) at its samples.
+/// Judges the residuals of a run of a model, given the model's outputs (N by q) at its samples.
 ///
 /// # Panics
 /// When the run or the response is not of this model.

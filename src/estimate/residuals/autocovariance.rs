@@ -81,7 +81,8 @@ pub(crate) fn inner(a: &[f64], b: &[f64]) -> f64 {
 const LAGS: usize = 4;
 /// Numbers of a series that stay in the nearest cache while all lags are taken.
 const BLOCK: usize = 512;
-/// The same of rows, whose lags are whole vectors apart: a vector that has been read serves several rows and several lags.
+/// Lags of rows that are summed side by side, whole vectors apart: a vector that has been read serves several rows and
+/// several lags.
 const LAGS_OF_ROWS: usize = 8;
 /// Rows that serve each other.
 const TILE: usize = 4;

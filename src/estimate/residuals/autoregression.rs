@@ -197,7 +197,7 @@ fn climb(a: &mut Vec<f64>, reflection: f64) {
 const MOST_ORDER: usize = 60;
 /// Samples for each lag.
 const SAMPLES_PER_LAG: usize = 8;
-/// Penalty per coefficient of coloured noise, in n log(variance); docs/statistics.md says how it was chosen.
+/// Penalty per coefficient of coloured noise, in n log(variance); docs/notebook/decisions.md says how it was chosen.
 const PENALTY: f64 = 0.7;
 
 /// Highest order of an autoregression that so many samples determine.
@@ -222,7 +222,8 @@ pub(crate) fn of_series(series: &[f64]) -> AutoRegression {
     choose(&autocovariances, present)
 }
 
-/// The same by Schwarz's criterion alone: rather too short than uncertain, where the series is a statistic and a model of it is all that is wanted.
+/// The colour of one series by Schwarz's criterion alone: rather too short than uncertain, where the series is a
+/// statistic and a model of it is all that is wanted.
 pub(crate) fn short_of_series(series: &[f64]) -> AutoRegression {
     let (autocovariances, present) = tapered(series);
     let models = LevinsonDurbin::of(&autocovariances);

@@ -11,9 +11,10 @@ pub struct Baseline {
     pub run: String,
     /// Root mean square of the model's residual.
     pub rms: f64,
-    /// That of the value measured last before the prediction begins, held to the end.
+    /// Root mean square of the residual of the value measured last before the prediction begins, held to the end.
     pub last_value: f64,
-    /// That of the straight line through the predicted samples themselves, by least squares.
+    /// Root mean square of the residual of the straight line through the predicted samples themselves, by least
+    /// squares.
     pub straight_line: f64,
 }
 

@@ -30,7 +30,7 @@ pub struct TicParts {
     pub bias: f64,
     /// The standard deviations differ: the response is too large or too small.
     pub variance: f64,
-    /// The rest: measurement and response do not move together. A good model leaves only this.
+    /// Measurement and response do not move together: what bias and variance leave. A good model leaves only this.
     pub covariance: f64,
 }
 

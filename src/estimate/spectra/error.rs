@@ -248,7 +248,7 @@ impl fmt::Display for Unanswered {
 impl std::error::Error for Unanswered {}
 
 impl Unanswered {
-    /// The same with names in place of positions.
+    /// This error with names in place of positions.
     pub(super) fn named(self, model: &Model, structure: &Structure) -> Self {
         let Self::Frequency(error) = self else { return self };
         let plain = |signal: Signal| match signal {

@@ -118,7 +118,7 @@ impl Setting {
         self.response_of(&self.linear, spectrum)
     }
 
-    /// The same of a model with other outputs.
+    /// The response of a model with other outputs to the inputs of one of `weighted`.
     pub(super) fn response_of(
         &self,
         linear: &LinearModel,

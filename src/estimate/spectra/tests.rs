@@ -41,7 +41,7 @@ fn run(model: &Model, theta: &[f64], name: &str, (samples, noise): (usize, f64))
     run
 }
 
-/// The same response in rows.
+/// A response handed over in rows.
 struct Rows<'r>(Box<dyn Response + 'r>);
 
 impl Response for Rows<'_> {

@@ -36,7 +36,7 @@ pub struct Curvature {
     pub interval: [Option<f64>; 2],
 }
 
-/// The same of an unknown.
+/// The interval of an unknown that the profile of the likelihood contradicts.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Curved {
     pub(crate) unknown: usize,

@@ -18,7 +18,7 @@ pub struct Direction {
     /// Names (with the run where needed) and how far each moves, the largest relative move first; in the parameters'
     /// units, the first being 1.
     pub moves: Vec<(String, f64)>,
-    /// The same in words.
+    /// The direction in words.
     pub sentence: String,
 }
 
@@ -75,7 +75,8 @@ pub(crate) enum Reach {
 
 /// A standard error this many times as far as an unknown may plausibly be is no error but the lack of information.
 const BEYOND: f64 = 1e6;
-/// The same where nothing tells how far that is.
+/// A standard error this many times a value is the lack of information where nothing tells how far that unknown may
+/// plausibly be.
 const FAR_BEYOND: f64 = 1e10;
 
 impl Reach {

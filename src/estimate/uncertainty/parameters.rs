@@ -145,7 +145,7 @@ pub(crate) struct Statistics {
     status: Vec<Status>,
     /// Covariance of all chosen unknowns in the parameters' units, row-major; empty without degrees of freedom.
     covariance: Vec<f64>,
-    /// The same, corrected for the colour of the residuals; empty when it was not.
+    /// Covariance of all chosen unknowns, corrected for the colour of the residuals; empty when it was not.
     corrected: Vec<f64>,
     /// Degrees of freedom of each corrected variance; empty where they are not known.
     freedom: Vec<f64>,
@@ -155,7 +155,7 @@ pub(crate) struct Statistics {
     limits: Vec<Option<f64>>,
     /// Undetermined directions over the chosen unknowns, per parameter unit.
     null: Vec<Vec<f64>>,
-    /// The same in words.
+    /// Undetermined directions in words.
     pub(crate) directions: Vec<Direction>,
     /// Directions that priors determine and the data do not.
     pub(crate) by_prior: Vec<Direction>,

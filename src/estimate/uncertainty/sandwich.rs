@@ -113,7 +113,7 @@ pub(crate) struct Corrected {
     pub(crate) values: Vec<f64>,
     /// What was found.
     pub(crate) colours: Vec<NoiseColour>,
-    /// The same of spectra.
+    /// Colours that were found of spectra.
     pub(crate) spectral: Vec<SpectralColour>,
     /// Degrees of freedom of each variance; empty where they are not known.
     pub(crate) freedom: Vec<f64>,

@@ -166,7 +166,7 @@ impl SensitivityRows {
         rows.chunks(width).zip(mapped.chunks(width)).map(|pair| inverse_noise * share(pair)).collect()
     }
 
-    /// The same with the rows of all outputs weighted by `inverse_noise` (q by q).
+    /// These rows of all outputs weighted by `inverse_noise` (q by q).
     pub(super) fn weighted(&self, inverse_noise: &[f64]) -> Self {
         let q = self.residuals.len();
         let mut rows = vec![0.0; self.rows.len()];
@@ -176,7 +176,7 @@ impl SensitivityRows {
         self.with_rows(rows)
     }
 
-    /// The same with each row times a factor (q by length).
+    /// These rows, each times a factor (q by length).
     pub(super) fn scaled(&self, factors: &[Vec<f64>]) -> Self {
         let mut rows = self.rows.clone();
         rows.chunks_mut(self.width.max(1)).zip(factors.iter().flatten()).for_each(|(row, factor)| scale(*factor, row));

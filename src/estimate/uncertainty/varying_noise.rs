@@ -81,8 +81,9 @@ fn multiply(corrected: &mut Corrected, plain: &[f64], varying: &[f64]) -> Result
 /// Numbers of samples, frequencies and estimates together beyond which not every sample is looked at.
 const MOST_TERMS: usize = 1 << 30;
 
-/// The same for coefficients of whole records. An estimate is a sum `sum_t h(t) v(t)` over the noise of the samples, h the inverse transform of
-/// `D S* R^-1` in units of the local noise; noise whose variance varies by G^2 multiplies its variance by `sum h^2 G^2 / sum h^2`.
+/// Lets corrected errors of spectra allow for noise of varying size. An estimate is a sum `sum_t h(t) v(t)` over the
+/// noise of the samples, h the inverse transform of `D S* R^-1` in units of the local noise; noise whose variance
+/// varies by G^2 multiplies its variance by `sum h^2 G^2 / sum h^2`.
 ///
 /// # Errors
 /// As [`allow`].

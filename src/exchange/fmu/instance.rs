@@ -696,7 +696,7 @@ impl Instance {
 pub struct Snapshot(Moving);
 
 impl Snapshot {
-    /// As bytes; the same bytes for the same state.
+    /// The state as bytes, equal ones for equal states.
     ///
     /// # Errors
     /// [`Refused::NoState`] where they cannot be made.

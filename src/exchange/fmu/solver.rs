@@ -175,7 +175,7 @@ impl Course<'_> {
         Ok(())
     }
 
-    /// The same, 0 where a state rests.
+    /// Rates at a point, 0 where a state rests.
     fn rates(
         &self,
         at: (f64, f64),

@@ -71,7 +71,7 @@ impl Instance {
         Ok(())
     }
 
-    /// The same from the other side: `sensitivity = seed J`.
+    /// Derivatives from the side of the unknowns: `sensitivity = seed J`.
     ///
     /// # Errors
     /// As [`Self::directional`].

@@ -59,7 +59,7 @@ const METHODS: &str = "
     pub fn pow(x: f64, y: f64) -> f64 { x.powf(y) } pub fn hypot(x: f64, y: f64) -> f64 { x.hypot(y) }
 ";
 
-/// The same for Rust.
+/// What is compiled to verify generated Rust.
 pub(super) fn rust_files(text: &str) -> Files {
     // whatever module it asks for, the system's functions stand in
     let line = text.lines().find(|line| line.starts_with("use ") && line.ends_with(" as elementary;"));

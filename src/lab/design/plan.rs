@@ -24,7 +24,7 @@ pub fn design(question: &Question<'_>) -> Result<Design, Vec<String>> {
     design_while(question, &|| true)
 }
 
-/// The same, but manoeuvres that have not been looked at when `goes_on` says no are left out.
+/// Answers a question; manoeuvres that have not been looked at when `goes_on` says no are left out.
 ///
 /// # Errors
 /// As [`design`].

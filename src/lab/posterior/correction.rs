@@ -31,7 +31,8 @@ pub struct CorrectedErrors {
 }
 
 impl CorrectedErrors {
-    /// Those of a fit whose residuals are coloured, or of varying size; none where white noise is what was found, or where errors were not corrected.
+    /// Corrected errors of a fit whose residuals are coloured, or of varying size; none where white noise is what was
+    /// found, or where errors were not corrected.
     pub fn of(fit: &FitDocument) -> Option<Self> {
         let varying = || fit.outputs_in_time().iter().any(|o| o.noise_variation.is_some());
         let matrix = &fit.corrected_covariance;

@@ -168,7 +168,8 @@ impl Posterior {
         })
     }
 
-    /// The same with the likelihood widened about the start, until its curvature is that of these errors; the same as it was where that cannot be.
+    /// This posterior with the likelihood widened about the start, until its curvature is that of these errors;
+    /// unchanged where that cannot be.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -220,7 +221,7 @@ impl Posterior {
         self.correction.as_ref().map(|c| c.factors)
     }
 
-    /// That of a fit of these runs by output error; noise is known as far as it was given.
+    /// The posterior of a fit of these runs by output error; noise is known as far as it was given.
     ///
     /// # Errors
     /// As [`Self::new`].

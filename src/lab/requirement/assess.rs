@@ -59,7 +59,7 @@ pub(super) fn columns(model: &Model, known: Known<'_>) -> Vec<usize> {
     (0..p).filter(|k| !params[*k].fixed && known.covariance[k * p + k] > 0.0).collect()
 }
 
-/// The same with a plan of this model, made for the same columns.
+/// Assesses requirements with a plan of this model, made for the same columns.
 ///
 /// # Errors
 /// [`RequirementError`].

@@ -47,7 +47,7 @@ pub enum Side {
 }
 
 impl Side {
-    /// Both, in the order of a profile.
+    /// Both sides, in the order of a profile.
     pub const BOTH: [Self; 2] = [Self::Below, Self::Above];
 
     /// The name under which this side of a parameter's profile is kept.
@@ -152,8 +152,8 @@ impl<'a> Profiler<'a> {
         Ok(Self { fit, runs, options, starts, rise: None, goes_on })
     }
 
-    /// The same, with intervals that end where the cost has risen by so much: 1.92 is what a likelihood ratio allows white residuals in 95 of 100
-    /// records. None for what the errors of the fit say.
+    /// This profiler, with intervals that end where the cost has risen by so much: 1.92 is what a likelihood ratio
+    /// allows white residuals in 95 of 100 records. None for what the errors of the fit say.
     #[must_use]
     pub fn with_rise(self, rise: Option<f64>) -> Self {
         Self { rise, ..self }
@@ -167,7 +167,8 @@ impl<'a> Profiler<'a> {
         self.of_kept(name, None)
     }
 
-    /// The same; sides that `keeper` has are not made again.
+    /// The profile of a parameter that all runs share, or of one that belongs to the only run; sides that `keeper` has
+    /// are not made again.
     ///
     /// # Errors
     /// As [`Self::of`].

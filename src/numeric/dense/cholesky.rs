@@ -33,7 +33,8 @@ impl Cholesky {
         factor.decompose().then_some(factor)
     }
 
-    /// The same in the memory of this one, which is of no use when the matrix is not positive definite: false then.
+    /// The factor of another matrix in the memory of this one, which is of no use when the matrix is not positive
+    /// definite: false then.
     pub fn renew(&mut self, matrix: &[f64], n: usize) -> bool {
         self.size = n;
         self.upper.clear();

@@ -131,7 +131,7 @@ impl Drawing {
         }
     }
 
-    /// The same as PNG, so many pixels wide: the same bytes on every machine.
+    /// The figure as PNG, so many pixels wide: the same bytes on every machine.
     ///
     /// # Errors
     /// [`RasterError`].

@@ -71,7 +71,7 @@ pub(super) fn svg(figure: &Figure) -> Markup {
     }
 }
 
-/// The same as a file of its own, with its caption and its key.
+/// The figure as a file of its own, with its caption and its key.
 pub(super) fn alone(figure: &Figure, paper: Paper) -> String {
     stacked(std::slice::from_ref(figure), paper)
 }

@@ -7,7 +7,7 @@ pub(super) fn shown(value: impl Into<Option<f64>>, significant: usize) -> String
     value.into().filter(|v| v.is_finite()).map_or_else(|| "–".into(), |v| text(v, significant))
 }
 
-/// The same for a number that is there.
+/// A number that is there with so many significant digits.
 pub(super) fn text(v: f64, significant: usize) -> String {
     digits(v, significant).replace('-', "\u{2212}")
 }

@@ -124,7 +124,7 @@ fn apart(column: &mut [&Hand<'_>]) -> Vec<f64> {
     heights
 }
 
-/// The same as numbers, for every mode.
+/// Mode shapes as numbers, for every mode.
 pub(super) fn table(modes: &[ModeDocument]) -> Markup {
     let upper: Vec<&ModeDocument> = modes.iter().filter(|m| m.im >= 0.0).collect();
     let states = upper.first().map_or(&[][..], |m| &m.shape);

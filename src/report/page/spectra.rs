@@ -14,7 +14,7 @@ const DECIBELS: f64 = 8.685_889_638;
 const DEGREES: f64 = 57.295_779_513;
 /// Figures that are drawn.
 const MOST: usize = 40;
-/// The same behind time histories: paper is short.
+/// Figures that are drawn behind time histories: paper is short.
 const IN_TIME: usize = 16;
 
 pub(super) fn section(subject: &Subject) -> Option<Section> {

@@ -204,7 +204,7 @@ impl Subject {
         self.fit().map_or(&[], FitDocument::outputs_in_time)
     }
 
-    /// The same of validation runs that were predicted.
+    /// How well outputs of validation runs were predicted.
     pub(super) fn predicted(&self) -> &[OutputDocument] {
         self.fit().and_then(|fit| fit.validation_runs.as_ref()).map_or(&[], |predicted| &predicted.outputs)
     }

@@ -22,7 +22,7 @@ pub struct Prediction {
     /// Residuals by run and output.
     #[serde(skip)]
     residuals: Vec<(String, String, Vec<f64>)>,
-    /// The same with their bands, as far as these are known.
+    /// Residuals with their bands, as far as these are known.
     #[serde(skip)]
     pub(super) predicted: Vec<PredictedOutput>,
 }

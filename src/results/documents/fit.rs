@@ -38,7 +38,7 @@ pub struct FitDocument {
     pub log_likelihood: Option<f64>,
     /// How the iteration ended, in one word.
     pub termination: Terminated,
-    /// The same in a sentence.
+    /// How the iteration ended, in a sentence.
     pub message: String,
     /// Gauss-Newton steps that were made.
     pub iterations: usize,
@@ -95,10 +95,10 @@ pub struct FitDocument {
     /// How each run was integrated; in the time domain.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub integration: Option<Vec<Integration>>,
-    /// The fallback strategy where the fit from the start values went wrong; likewise.
+    /// What was done about start values that could not be used; in the time domain.
     #[serde(default, deserialize_with = "present", skip_serializing_if = "Option::is_none")]
     pub fallback: Option<Option<Recovery>>,
-    /// The same in words.
+    /// What was done about start values that could not be used, in words.
     #[serde(default, deserialize_with = "present", skip_serializing_if = "Option::is_none")]
     pub fallback_message: Option<Option<String>>,
     /// What the record says of inputs about which nobody said how they go between samples.
@@ -145,7 +145,7 @@ pub struct FitDocument {
     /// Initial states, biases and time histories behind a fit in the frequency domain.
     #[serde(default, deserialize_with = "present", skip_serializing_if = "Option::is_none")]
     pub time_domain: Option<Option<TimeDomain>>,
-    /// The same of validation runs, which are predicted.
+    /// Initial states, biases and time histories of runs that took no part.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub validation_runs: Option<TimeDomain>,
 
@@ -261,7 +261,7 @@ pub struct StartDocument {
     pub iterations: usize,
     /// How it ended; none when there was no estimation.
     pub termination: Option<Terminated>,
-    /// The same in words.
+    /// How it ended, in words.
     pub message: String,
     /// The minimum that was reached, numbered by cost from 1.
     pub minimum: Option<usize>,

@@ -13,15 +13,15 @@ pub struct ShardAtWork {
     pub process: u32,
     /// Tasks of the shard.
     pub tasks: u64,
-    /// Those of them that are done, whoever did them.
+    /// Tasks of the shard that are done, whoever did them.
     pub done: u64,
-    /// Those that this program has done.
+    /// Tasks that this program has done.
     pub own: u64,
     /// Seconds at work.
     pub elapsed: f64,
 }
 
-/// The same, and when it was heard of.
+/// What a shard at work told, and when it was heard of.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ShardStatus {
     /// What it told.
@@ -59,7 +59,7 @@ pub struct JobStatus {
     pub plan: String,
     /// All tasks.
     pub tasks: u64,
-    /// Those that are done.
+    /// Tasks that are done.
     pub done: u64,
     /// The first of those that are missing, by name.
     pub missing: Vec<String>,

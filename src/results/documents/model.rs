@@ -110,7 +110,7 @@ pub struct OutputDeclared {
     pub doc: String,
     /// Standard deviation of its measurement noise, where it is declared.
     pub noise: Option<f64>,
-    /// The same as an expression, where it is declared so.
+    /// Standard deviation of its measurement noise as an expression, where it is declared so.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub noise_model: Option<String>,
 }
@@ -131,7 +131,7 @@ pub struct Derivatives {
     pub directions: Option<usize>,
     /// The one that differs most.
     pub worst: Option<DiscrepancyDocument>,
-    /// Those that differ by too much.
+    /// Entries that differ by too much.
     pub failures: Vec<DiscrepancyDocument>,
 }
 
@@ -231,7 +231,7 @@ pub struct EffectsDocument {
     pub effects: Vec<EffectDocument>,
     /// Where they fit.
     pub places: Vec<PlaceDocument>,
-    /// Those that fit more places than are tried, with that number.
+    /// Effects that fit more places than are tried, with that number.
     pub limited: BTreeMap<String, usize>,
 }
 

@@ -33,7 +33,7 @@ pub struct ModesDocument {
     /// Where the model was linearised, in words.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub linearised: Option<String>,
-    /// The same in numbers.
+    /// Where the model was linearised, in numbers.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub trim: Option<TrimDocument>,
 }

@@ -33,10 +33,10 @@ pub struct OutputDocument {
     /// Whether the residual is white; missing where that was not asked, null where it could not be tested.
     #[serde(default, deserialize_with = "present", skip_serializing_if = "Option::is_none")]
     pub whiteness: Option<Option<Whiteness>>,
-    /// Its spectrum; likewise.
+    /// Spectrum of the residual; missing where that was not asked, null where there is none.
     #[serde(default, deserialize_with = "present", skip_serializing_if = "Option::is_none")]
     pub spectrum: Option<Option<ResidualSpectrum>>,
-    /// Its distribution; likewise.
+    /// Distribution of the residual; missing where that was not asked, null where there is none.
     #[serde(default, deserialize_with = "present", skip_serializing_if = "Option::is_none")]
     pub distribution: Option<Option<Distribution>>,
     /// Its correlation with each input that moves; missing where that was not asked.

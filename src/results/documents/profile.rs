@@ -20,7 +20,7 @@ pub struct Profile {
     /// Whether the estimate stands at its bound: the error is a guess then.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub bound: bool,
-    /// Where it has risen so much, below and above.
+    /// Where the cost has risen so much, below and above.
     pub ends: [End; 2],
     /// The interval by the error.
     pub by_error: [f64; 2],
@@ -71,7 +71,7 @@ impl Profile {
 }
 
 impl End {
-    /// Where it is.
+    /// The value at which the interval ends.
     pub fn value(self) -> f64 {
         match self {
             Self::At(v) | Self::Open(v) | Self::Bound(v) | Self::Astray(v) | Self::Interrupted(v) => v,

@@ -247,7 +247,7 @@ fn biased(estimate: &Estimate) -> Vec<String> {
     vec![format!("bias from measured-regressor noise removed: {list}")]
 }
 
-/// The same of a fit of spectra, and what records and measured regressors mean for it.
+/// What should not be overlooked in a fit of spectra, and what records and measured regressors mean for it.
 pub fn spectral_remarks(fit: &SpectralFit) -> Vec<Remark> {
     let mut remarks = estimate_remarks(&fit.estimate);
     if !fit.measured_regressors.is_empty() {
@@ -270,7 +270,7 @@ pub fn spectral_remarks(fit: &SpectralFit) -> Vec<Remark> {
     remarks
 }
 
-/// Both, of a fit in the time domain.
+/// Remarks of a fit in the time domain: what should not be overlooked of its estimates and of its runs.
 pub fn fit_remarks(fit: &Fit) -> Vec<Remark> {
     // a response that is lost explains nothing, whatever the record is
     let lost = matches!(fit.estimate.termination, Termination::Unstable { .. });
@@ -619,7 +619,7 @@ fn called(p: &ParameterEstimate) -> String {
     named(&p.name, p.run.as_deref())
 }
 
-/// The same by name and run.
+/// A parameter as a sentence calls it, by name and run.
 fn named(name: &str, run: Option<&str>) -> String {
     run.map_or(name.to_string(), |run| format!("{name} ({run})"))
 }

@@ -35,7 +35,7 @@ pub struct Assessment {
     pub expression: String,
     /// Least value that is wanted; none where there is no such limit.
     pub lower: Option<f64>,
-    /// Greatest value that is wanted, likewise.
+    /// Greatest value that is wanted; none where there is no such limit.
     pub upper: Option<f64>,
     /// The value; none where it does not exist.
     pub value: Option<f64>,
@@ -80,11 +80,11 @@ pub struct ModeMargin {
     pub damping_interval: Option<[f64; 2]>,
     /// Time to half the amplitude.
     pub time_to_half: Option<f64>,
-    /// Its interval, by that of the real part; an end is open where the mode may not decay.
+    /// Interval of the time to half, by that of the real part; an end is open where the mode may not decay.
     pub time_to_half_interval: Option<[Option<f64>; 2]>,
     /// Time to twice the amplitude.
     pub time_to_double: Option<f64>,
-    /// Its interval, likewise.
+    /// Interval of the time to twice the amplitude, by that of the real part; an end is open where the mode may not grow.
     pub time_to_double_interval: Option<[Option<f64>; 2]>,
 }
 

@@ -112,7 +112,7 @@ pub struct GraphNode {
 pub struct DerivativesStage {
     /// Name of the model.
     pub model: String,
-    /// Those that are not zero.
+    /// Partials that are not zero.
     pub partials: Vec<PartialText>,
 }
 

@@ -33,7 +33,7 @@ pub struct Study {
     pub asked: usize,
     /// Repeats that are done; fewer when the series was interrupted.
     pub done: usize,
-    /// Those of them that converged.
+    /// Repeats that converged.
     pub converged: usize,
     /// Why the others have not, and how many of each.
     pub astray: Vec<(String, usize)>,
@@ -109,7 +109,7 @@ pub struct GoalCoverage {
     pub half_width: Option<f64>,
     /// Intervals that hold the truth, of those repeats that have one.
     pub coverage: Share,
-    /// The same of all repeats: one without an interval does not hold the truth.
+    /// Intervals that hold the truth, of all repeats: one without an interval does not hold the truth.
     pub of_all: Share,
     /// Truths above the interval, and below it.
     pub missed: [usize; 2],
@@ -152,7 +152,8 @@ pub struct Pooled {
     pub coverage: f64,
     /// What chance leaves open: its interval of 95 %, by the scatter between repeats, whose parameters are not independent.
     pub interval: [f64; 2],
-    /// The same share of all parameters of all repeats: one without an interval does not hold the truth.
+    /// Nominal 95 % intervals that hold the truth, of all parameters of all repeats: one without an interval does not
+    /// hold the truth.
     pub of_all: f64,
     /// The parameter whose coverage is furthest from 95 %, and its coverage.
     pub worst: (String, f64),
@@ -308,7 +309,7 @@ pub struct Interval {
     pub ratio: f64,
     /// Nominal 95 % intervals that hold the truth, of those repeats that converged and have an interval.
     pub coverage: Share,
-    /// The same of all repeats: one without an interval does not hold the truth.
+    /// Nominal 95 % intervals that hold the truth, of all repeats: one without an interval does not hold the truth.
     pub of_all: Share,
 }
 

@@ -11,7 +11,8 @@ pub(super) trait Disk: Send + Sync {
     /// that somebody works with it.
     fn write(&self, path: &Path, bytes: &[u8]) -> io::Result<File>;
 
-    /// The same without the lock: network file systems may make a program wait for one for ever.
+    /// Writes a new file and waits until the bytes are on the disk, without a lock: network file systems may make a
+    /// program wait for one for ever.
     fn write_unlocked(&self, path: &Path, bytes: &[u8]) -> io::Result<()>;
 
     /// Gives a file or folder another name; a file takes the place of a file of that name in one instant.

@@ -20,7 +20,7 @@ pub fn write_file(path: &Path, bytes: &[u8]) -> io::Result<()> {
     put(&*disk(), path, bytes, Before::Anything)
 }
 
-/// The same where nothing stands yet.
+/// Writes a file whole where nothing stands yet.
 ///
 /// # Errors
 /// [`io::ErrorKind::AlreadyExists`], and as [`write_file`].

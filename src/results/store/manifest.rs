@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 pub(super) const NAME: &str = "manifest.json";
 /// Says that a folder is one of ours.
 const KIND: &str = "fdm result";
-/// The same for a diagnosis.
+/// Says that a folder is a diagnosis of ours.
 const DIAGNOSIS: &str = "fdm diagnosis";
 /// Changes when another program could not read a folder any more.
 pub(super) const FORMAT: u32 = 2;
@@ -72,7 +72,7 @@ pub struct DataFile {
     pub run: String,
     /// The file, as it was typed.
     pub file: String,
-    /// The same from the root of the file system.
+    /// The file's path from the root of the file system.
     pub path: Option<String>,
     /// Its size in bytes; none for what is not a file, such as a pipe.
     pub bytes: Option<u64>,
@@ -143,7 +143,7 @@ impl Manifest {
         }
     }
 
-    /// The same of a diagnosis.
+    /// The manifest of a diagnosis.
     pub fn of_diagnosis(model: &fdm_system::Model, identity: Identity, noise: Noise) -> Self {
         Self { kind: DIAGNOSIS.into(), ..Self::new(model, identity, noise) }
     }
@@ -194,7 +194,7 @@ impl Manifest {
         Some(Claim { files, data: data.into_iter().filter_map(|d| d.path).collect(), is_whole })
     }
 
-    /// The same of results and diagnoses.
+    /// The format of a manifest of a result or a diagnosis.
     pub(super) fn any_format(text: &str) -> Option<u32> {
         Self::format_of(text, &[KIND, DIAGNOSIS])
     }

@@ -604,7 +604,7 @@ mod tests {
         }
     }
 
-    /// The same where no folder stands yet: it is not there, or whole.
+    /// Where no folder stands yet it is not there, or whole.
     #[test]
     fn a_new_folder_appears_whole() {
         for kind in [Kind::Nothing, Kind::Torn, Kind::Done] {

@@ -313,7 +313,7 @@ const CLOSER: f64 = 1e-20;
 /// Disturbed evaluations from which rounding is estimated, and how much more there may be of it.
 pub(super) const DISTURBANCES: usize = 3;
 const MARGIN: f64 = 16.0;
-/// The same for a step, and for both where the two sides differ: each misses a single operation half of the time.
+/// Disturbances for a step, and for both where the two sides differ: each misses a single operation half of the time.
 const SUSPICIONS: usize = 16;
 
 /// Where a model is looked at.
@@ -485,7 +485,8 @@ impl<'a> Sides<'a> {
         self.stepped(site, leaf, STEP, &mut Rounding::exact())
     }
 
-    /// The same by a step so much smaller that it finds more where a slope is infinite, and the same where it is not.
+    /// The derivatives of all equations by one leaf, by a step so much smaller that it finds more where a slope is
+    /// infinite, and as much where it is not.
     pub(super) fn numeric_closer(&mut self, site: &Site, leaf: usize) -> Vec<f64> {
         self.stepped(site, leaf, CLOSER * STEP, &mut Rounding::exact())
     }

@@ -265,7 +265,7 @@ pub(super) struct DelayedInput {
     held: bool,
     /// The input (by M).
     input: Vec<Complex64>,
-    /// The same as outputs see it: sums of samples; nothing where that is the same, or no output sees it.
+    /// The input as outputs see it: sums of samples; nothing where that is the same, or no output sees it.
     seen: Vec<Complex64>,
     /// What is brought in less what is moved out, divided by exp(j w tau) (by M).
     change: Vec<Complex64>,

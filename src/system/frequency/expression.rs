@@ -135,12 +135,12 @@ impl Expressions {
         }
     }
 
-    /// The same value with a factor of 1.
+    /// An equal value with a factor of 1.
     pub(super) fn plain(&mut self, value: Value) -> Value {
         Value { factor: Scalar::ONE, node: Some(self.materialised(value)) }
     }
 
-    /// The same value with a factor of 1 or -1; a factor alone stays.
+    /// An equal value with a factor of 1 or -1; a factor alone stays.
     pub(super) fn signed(&mut self, value: Value) -> Value {
         if value.factor == Scalar::MINUS || value.node.is_none() { value } else { self.plain(value) }
     }

@@ -169,7 +169,7 @@ impl FrequencyResponse {
         result
     }
 
-    /// The same in planes.
+    /// Hands over the response in planes: real and imaginary parts of consecutive frequencies.
     ///
     /// # Errors
     /// As [`FrequencyResponse::simulate`].

@@ -72,7 +72,7 @@ impl LinearModel {
         Self::near(model, &Recorded::default())
     }
 
-    /// The same; where the model alone says too little, the trim is looked for at recorded means.
+    /// Linearises a model; where the model alone says too little, the trim is looked for at recorded means.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -83,8 +83,8 @@ impl LinearModel {
         Ok(Self::at(definition, found, theta))
     }
 
-    /// The same, with every state and input that the equations determine solved for, even where no coefficient depends on them: where a manoeuvre
-    /// begins.
+    /// Linearises a model with every state and input that the equations determine solved for, even where no coefficient
+    /// depends on them: where a manoeuvre begins.
     ///
     /// # Errors
     /// As [`Self::new`].

@@ -20,7 +20,7 @@ pub struct Mode {
     pub shape: Vec<Complex64>,
     /// Whether an output shows it; taken for granted where the root is not simple.
     pub shown: bool,
-    /// Whether an input moves it; the same.
+    /// Whether an input moves it; taken for granted where the root is not simple.
     pub moved: bool,
     /// The derivatives of s by all parameters (p); none for a root that is not simple.
     pub slopes: Option<Vec<Complex64>>,

@@ -110,7 +110,7 @@ impl<'m> RunBuilder<'m> {
         self.given("t", None, times.into())
     }
 
-    /// The same in another unit, such as `ms`.
+    /// Times of the samples (N), rising, in another unit than the model's, such as `ms`.
     pub fn times_in(self, unit: &str, times: impl Into<Vec<f64>>) -> Self {
         self.given("t", Some(unit), times.into())
     }
@@ -120,17 +120,19 @@ impl<'m> RunBuilder<'m> {
         self.given(channel, None, samples.into())
     }
 
-    /// The same in another unit, such as `deg` for a channel in `rad`.
+    /// Samples of an input or output (N) in another unit than the model's, such as `deg` for a channel in `rad`.
     pub fn samples_in(self, channel: &str, unit: &str, samples: impl Into<Vec<f64>>) -> Self {
         self.given(channel, Some(unit), samples.into())
     }
 
-    /// The same, or times, of samples that stay where they are until the run is built; in a unit where one is named.
+    /// Samples of a channel (N), or times, that stay where they are until the run is built; in a unit where one is
+    /// named.
     pub fn samples_of(self, channel: &str, unit: Option<&str>, samples: &'m [f64]) -> Self {
         self.kept(channel, unit, Values::Together(samples.into()))
     }
 
-    /// The same of a column of a matrix.
+    /// Samples of a channel (N), or times, as a column of a matrix that stays where it is until the run is built; in a
+    /// unit where one is named.
     pub fn samples_of_column(self, channel: &str, unit: Option<&str>, samples: ColumnView<'m>) -> Self {
         self.kept(channel, unit, Values::Apart(samples))
     }

@@ -58,7 +58,7 @@ pub enum Incomplete {
 }
 
 impl Run {
-    /// The same run with the inputs that this model takes from the records of its outputs, or computes from them (at the
+    /// This run with the inputs that this model takes from the records of its outputs, or computes from them (at the
     /// values that the model gives its parameters): hidden inputs that the run has are replaced. Gaps of the record are bridged linearly and counted, as those of other inputs; the outputs
     /// stay as they are. In a model that knows no time, a sample with a gap is not compared.
     ///
@@ -69,7 +69,7 @@ impl Run {
         self.clone().completed(model)
     }
 
-    /// The same of a run that is not needed any more.
+    /// A run that is not needed any more with the inputs that this model takes from the records of its outputs.
     pub(super) fn completed(self, model: &Model) -> Result<Run, Incomplete> {
         let channels = channels(model);
         let (declared, q, n) = (channels.inputs.len(), channels.outputs.len(), self.len());

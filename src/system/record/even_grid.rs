@@ -63,8 +63,9 @@ impl EvenGrid {
         Ok(Self { interval, place })
     }
 
-    /// The same for samples of which some are not compared (N), such as the edges of an input that was held on another clock: where they do
-    /// not fit the grid of the others, each has the place of the next one that is compared, behind which it is of no account.
+    /// The even grid of samples of which some are not compared (N), such as the edges of an input that was held on
+    /// another clock: where they do not fit the grid of the others, each has the place of the next one that is
+    /// compared, behind which it is of no account.
     ///
     /// # Errors
     /// As [`Self::of`].

@@ -210,8 +210,8 @@ impl Cursor {
         self.count
     }
 
-    /// The same place as [`Place::new`]; costs one or two comparisons when `t` is in the last interval or the next,
-    /// and the logarithm of the distance otherwise.
+    /// The place of a time, as [`Place::new`] has it; costs one or two comparisons when `t` is in the last interval or
+    /// the next, and the logarithm of the distance otherwise.
     pub fn at(&mut self, time: &[f64], t: f64) -> Place {
         let mut low = self.count.min(time.len());
         let mut high = low;

@@ -97,8 +97,8 @@ impl Block<'_> {
 /// Numbers of rows in a block: what stays in the cache nearest to the processor, or hardly leaves it; sums are fetched and put
 /// back once for each block.
 const NUMBERS: usize = 4096;
-/// The same of rows that are computed where they are handed over: as no second array of them passes through that cache, what is done once
-/// for each block decides.
+/// Numbers of rows in a block where they are computed where they are handed over: as no second array of them passes
+/// through that cache, what is done once for each block decides.
 const CONTINUED: usize = 8192;
 
 /// Gathers samples until a block is full.
@@ -191,7 +191,7 @@ pub struct Planes<'b> {
     pub first: usize,
     /// How many there are.
     pub count: usize,
-    /// The same rounded up to a multiple of 8.
+    /// The number of frequencies rounded up to a multiple of 8.
     pub lanes: usize,
     /// A plane for each output (q).
     pub y: &'b [f64],

@@ -130,7 +130,7 @@ impl DriveTable {
         }
     }
 
-    /// The same weights for all intervals.
+    /// One set of weights for all intervals.
     fn delay_stages(&mut self, filter: &DelayFilter, (d, input): (usize, usize), tau: f64, run: &Run) {
         let (delays, column, held) = (self.delayed.len(), self.inputs + d, run.held[input]);
         for j in 0..filter.per {
@@ -147,7 +147,7 @@ impl DriveTable {
         }
     }
 
-    /// The same at the samples.
+    /// Delayed inputs at the samples.
     fn delay_samples(&mut self, filter: &DelayFilter, (d, input): (usize, usize), tau: f64, run: &Run) {
         let (delays, column) = (self.delayed.len(), self.inputs + d);
         let weights = filter.sample(tau, run.held[input]);
@@ -395,7 +395,7 @@ impl<'a> Course<'a> {
         (&self.drive.stages(step)[stage * width..][..width], &self.drive.stage_slopes(step)[stage * delays..][..delays])
     }
 
-    /// The same at a sample.
+    /// Drive at a sample, and the slopes of the delayed inputs there.
     pub fn sample(&self, sample: usize) -> (&[f64], &[f64]) {
         let width = self.drive.width();
         (&self.drive.all_samples()[sample * width..][..width], self.drive.sample_slopes(sample))

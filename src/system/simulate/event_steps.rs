@@ -20,7 +20,7 @@ use fdm_numeric::lanes::{Aligned, accumulate};
 /// A guard that grows at its instant by less than this part of its growth over the step only touches zero, as far as rounding
 /// tells: where it touches, an error of `eps` moves the instant by the root of that, and the slope is as small.
 const TOUCHES: f64 = 1e-7;
-/// The same as a part of the terms that cancel in its rate.
+/// A guard's rate below this part of the terms that cancel in it only touches zero.
 const CANCELS: f64 = 1e-10;
 
 /// A run of a model with events for which the trajectory is prepared.

@@ -84,7 +84,7 @@ impl Steps {
         }
     }
 
-    /// The same number of equal steps in every interval, when it is that.
+    /// The number of equal steps in every interval, when it is one for all.
     pub fn per_interval(&self) -> Option<usize> {
         match self.spacing {
             Spacing::Equal(per_interval) => Some(per_interval),

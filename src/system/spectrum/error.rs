@@ -205,7 +205,7 @@ pub enum SpectrumError {
 }
 
 impl SpectrumError {
-    /// The same of a run, by its name.
+    /// This error of a run, by its name.
     pub(super) fn in_run(self, run: &str) -> Self {
         match self {
             known @ (Self::InRun { .. } | Self::OtherChannels { .. }) => known,
@@ -213,7 +213,7 @@ impl SpectrumError {
         }
     }
 
-    /// The same of segments, where it was said of a record as long as the longest of them.
+    /// This error of segments, where it was said of a record as long as the longest of them.
     pub(super) fn of_segments(self) -> Self {
         match self {
             Self::ShorterThanPeriod { lowest, period, duration, least } => {

@@ -48,7 +48,8 @@ pub struct Spectrum {
     pub bridged: Vec<Bridge>,
     /// Values of the inputs half an interval before the first transformed sample, and half an interval behind the last (m each).
     pub input_ends: [Vec<f64>; 2],
-    /// The same of the outputs (q each).
+    /// Values of the outputs half an interval before the first transformed sample, and half an interval behind the last
+    /// (q each).
     pub output_ends: [Vec<f64>; 2],
 }
 

@@ -96,7 +96,7 @@ impl<'a> Check<'a> {
         }
     }
 
-    /// The same thing is changed once.
+    /// Tells where one thing is changed a second time.
     pub(super) fn once(&mut self, what: (&'a str, bool), span: Span, rewritten: &mut BTreeMap<(&'a str, bool), Span>) {
         if let Some(first) = rewritten.insert(what, span) {
             let shown = if what.1 { format!("der({})", what.0) } else { what.0.to_string() };

@@ -89,7 +89,7 @@ impl<'a> Writer<'a> {
         }
     }
 
-    /// The same value in a form that can be written several times: what is more than a name or a number gets a name of its
+    /// A value in a form that can be written several times: what is more than a name or a number gets a name of its
     /// own. Numbers and conditions, which names cannot stand for without a unit or at all, stay what they are.
     pub(super) fn shared(&mut self, e: ExprRef) -> ExprRef {
         let (expr, span) = &self.expressions[e.0 as usize];

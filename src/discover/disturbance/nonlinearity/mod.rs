@@ -76,7 +76,7 @@ pub struct CurvePoint {
 pub(crate) struct Nonlinearities {
     /// Inputs, equations and sensors, the likeliest first; an equation before an input that moves it where both are as likely.
     pub list: Vec<Nonlinearity>,
-    /// The same of functions of one variable alone.
+    /// Nonlinearities that are functions of one variable alone, the likeliest first.
     pub curves: Vec<Nonlinearity>,
 }
 
@@ -142,7 +142,7 @@ struct Weighing<'a> {
     null: Settled,
     /// The likeliest at each place.
     best: Vec<Likeliest>,
-    /// The same of functions of one variable.
+    /// The likeliest function of one variable at each place.
     curves: Vec<Likeliest>,
 }
 

@@ -239,7 +239,7 @@ impl Case {
         Self { model: model.clone(), runs, steps, theta, records }
     }
 
-    /// The same runs with another model.
+    /// These runs with another model.
     fn refitted(&self, text: String) -> Self {
         let model = Model::from_text("extended.fdm", text).unwrap();
         Self::fitted(&model, self.runs.clone())

@@ -1,4 +1,4 @@
-//! Studies of the level and of the power: tables in docs/notebook/screening.md.
+//! Studies of the level and of the power: figures in docs/notebook/blind.csv.
 
 use super::colour::Colour;
 use super::family::{FAMILIES, Family};

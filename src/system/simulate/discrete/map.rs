@@ -35,7 +35,7 @@ impl LinearMap {
         &mut self.forcing[(term * self.rows + row) * self.width..][..self.width]
     }
 
-    /// The same in the lane of the values.
+    /// The coefficient of one number of the feed in one row, in the lane of the values.
     pub(super) fn value_of(&self, term: usize, row: usize) -> f64 {
         self.forcing[(term * self.rows + row) * self.width + self.lane]
     }

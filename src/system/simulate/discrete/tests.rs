@@ -23,7 +23,7 @@ const SMALL: &str = "model small {
     der(b) = -g*b + u + h*v; der(c1) = c2; der(c2) = -h*c1 - g*c2 + v + g*u;
     output y1 = c2, y2 = b, y3 = c2;
 }";
-/// The same, with an output of the second that is no state.
+/// Two small subsystems in one vector, with an output of the second that is no state.
 const MIXED: &str = "model mixed {
     input u, v;
     state b = 1, c1 = 0, c2 = 0.3;
