@@ -1,15 +1,16 @@
-//! Errors where runs are short, or their times uneven, so that no noise model can be chosen: all of [`super::gauss_markov`] are weighed by their restricted
+//! Errors where runs are short, or their times uneven, so that no noise model can be chosen: all of [`super::noise_candidates`] are weighed by their restricted
 //! likelihood (Patterson and Thompson 1971), and variances averaged over them (Hoeting, Madigan, Raftery and Volinsky 1999).
 //!
 //! All outputs share one model, or each has its own; both hypotheses are weighed. Each decorrelated output acts on the parameters by `S' R^-1 L`. A variance
 //! is then a mixture of values with weights, and the interval is that of the mixture.
 
 use super::arrow::{Arrow, Blocks};
-use super::gauss_markov::{Clock, GaussMarkov, candidates, log_prior, median_interval};
+use super::gauss_markov::Clock;
+use super::noise_candidates::{NoiseModel, candidates, log_prior, median_interval};
 use super::restricted_likelihood::{
     Decorrelated, Decorrelation, Likelihood, NormalEquations, Restricted, ShortRun, normal_equations,
 };
-use super::sandwich::{NoiseColour, PriorInformation, Sandwich, Uncorrected};
+use super::sandwich::{NoiseColour, PriorInformation, Sandwich, Uncorrected, is_lost};
 use super::sensitivity_rows::SensitivityRows;
 use crate::noise::Weights;
 use crate::problem::Problem;
@@ -149,7 +150,7 @@ struct Hypothesis {
 
 /// The average over the noise models of all outputs of the short runs.
 struct Average {
-    models: Vec<GaussMarkov>,
+    models: Vec<NoiseModel>,
     /// For each output its samples, and the degrees of freedom of its scale.
     samples: Vec<(f64, f64)>,
     /// For each output and model `S' R^-1 L C L' R^-1 S` (n by n).
@@ -224,6 +225,10 @@ impl Average {
         let own: Vec<Vec<Vec<f64>>> = self.middles.iter().map(|m| m.par_iter().map(around).collect()).collect();
         let others = around(others);
         let one = |j: usize| {
+            let bound = inverse[(j, j)];
+            if is_lost(bound) {
+                return Some((bound, f64::INFINITY));
+            }
             let mut mixture = VarianceMixture::none();
             for (share, h) in &self.hypotheses {
                 let size = |k: usize, b: usize| h.growth[k][b] * own[k][b][j];
@@ -262,8 +267,8 @@ impl Average {
         let weights: Vec<f64> = (1..self.models.len()).map(weight).collect();
         let coloured: f64 = weights.iter().sum();
         let at = |lag: usize| {
-            let own = |(b, w): (&GaussMarkov, &f64)| {
-                let apart = if b.clock == Clock::Time { lag as f64 * self.interval } else { lag as f64 };
+            let own = |(b, w): (&NoiseModel, &f64)| {
+                let apart = if b.clock() == Clock::Time { lag as f64 * self.interval } else { lag as f64 };
                 w * b.correlation(apart)
             };
             self.models[1..].iter().zip(&weights).map(own).sum::<f64>() / coloured

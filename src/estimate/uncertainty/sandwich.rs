@@ -107,6 +107,38 @@ impl Sandwich<'_> {
     }
 }
 
+/// Variance in scaled unknowns, 1 were all others known, from which on rounding of `D M D` leaves no two digits of it: what M says of such a direction is lost
+/// in its entries, of size 1.
+const LOST: f64 = 1e-2 / f64::EPSILON;
+
+/// Whether the corrected variance of an unknown cannot be told from rounding, by its variance in scaled unknowns.
+pub(super) fn is_lost(variance: f64) -> bool {
+    variance > LOST
+}
+
+/// Where corrected variances (n by n, with their degrees of freedom) are lost in rounding, those of the bound take their place, grown as the others are in
+/// the mean.
+pub(super) fn replace_lost(inverse: &[f64], covariance: &mut [f64], freedom: &mut [f64]) {
+    let n = freedom.len();
+    let (lost, kept): (Vec<usize>, Vec<usize>) = (0..n).partition(|k| is_lost(inverse[k * n + k]));
+    if lost.is_empty() {
+        return;
+    }
+    let growth = |k: usize| (covariance[k * n + k] / inverse[k * n + k]).sqrt();
+    let grown: Vec<f64> = kept.iter().map(|k| growth(*k)).filter(|g| g.is_finite()).collect();
+    let mean = (grown.iter().map(|g| g * g).sum::<f64>() / grown.len() as f64).sqrt();
+    let mean = if grown.is_empty() { 1.0 } else { mean };
+    let factors: Vec<f64> = (0..n).map(|k| if lost.contains(&k) { mean } else { growth(k) }).collect();
+    let fewest = kept.iter().map(|k| freedom[*k]).fold(f64::INFINITY, f64::min);
+    for k in lost {
+        for j in 0..n {
+            let entry = inverse[k * n + j] * factors[k] * factors[j];
+            (covariance[k * n + j], covariance[j * n + k]) = (entry, entry);
+        }
+        freedom[k] = fewest;
+    }
+}
+
 /// The corrected covariance.
 pub(crate) struct Corrected {
     /// In scaled unknowns, chosen by chosen, as that of the bound.
@@ -269,4 +301,23 @@ fn middle(
         add(j, i, covariance);
     }
     Ok(middle)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_rounding_takes_grows_as_the_others() {
+        // the second of three is hardly determined, and its corrected variance is nonsense
+        let inverse = [2.0, 5.0, 0.0, 5.0, 1e15, 3.0, 0.0, 3.0, 4.0];
+        let mut covariance = [8.0, 1e3, 0.0, 1e3, -7e14, 0.0, 0.0, 0.0, 16.0];
+        let mut freedom = [20.0, f64::NAN, 12.0];
+        replace_lost(&inverse, &mut covariance, &mut freedom);
+        assert_eq!(covariance, [8.0, 20.0, 0.0, 20.0, 4e15, 12.0, 0.0, 12.0, 16.0]);
+        assert_eq!(freedom, [20.0, 12.0, 12.0]);
+        let mut known = [8.0];
+        replace_lost(&[2.0], &mut known, &mut [1.0]);
+        assert_eq!(known, [8.0]);
+    }
 }
