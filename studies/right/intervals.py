@@ -112,7 +112,9 @@ def make(key, number):
     for o, name in enumerate(plant.names):
         size = plant.noise * np.std(clean[:, o])
         columns[name] = clean[:, o] + size * NOISES[noise](random, len(clean), plant)
-    options = ["--domain", domain, *plant.options.get(domain, [])]
+    # the truth is straight between samples, although commands step there
+    straight = [word for name in plant.inputs for word in ("--linear", name)]
+    options = ["--domain", domain, *straight, *plant.options.get(domain, [])]
     return plant.text, [table(plant.time, columns)], options, plant.truth
 
 

@@ -12,7 +12,7 @@
 
 use super::cramer_rao::CramerRao;
 use super::model_averaged::ShortRuns;
-use super::sandwich::{Corrected, NoiseColour, Sandwich, Uncorrected, replace_lost};
+use super::sandwich::{Corrected, NoiseColour, Sandwich, Uncorrected};
 use super::sensitivity_rows::{Colour, Filtered, SensitivityRows, sampling};
 use crate::iteration::priors::PriorRow;
 use crate::problem::{Problem, ProblemRun};
@@ -120,7 +120,6 @@ pub(crate) fn corrected(
             if let Some(short) = &short {
                 short.settle(&sandwich, &others, &mut covariance, &mut freedom)?;
             }
-            replace_lost(&bound.inverse.values, &mut covariance, &mut freedom);
             return Ok((
                 Corrected { values: covariance, colours, spectral: Vec::new(), freedom, unbiased: None },
                 runs,

@@ -24,8 +24,8 @@ const HOLDS: f64 = 0.93;
 const HALF_WAY: f64 = 0.5;
 /// Part of a parameter in an undetermined direction above which it is not determined.
 const PART: f64 = 1e-4;
-/// Intervals by which a profile is followed beyond its interval, at most: five standard errors of known noise.
-const FURTHEST: f64 = 2.5;
+/// Intervals by which a profile is followed beyond its interval, at most: twenty standard errors of known noise.
+const FURTHEST: f64 = 10.0;
 /// How near to the wanted distance an end is taken, as part of it.
 const NEAR: f64 = 0.02;
 /// Most values of a parameter on the way to an end.
@@ -46,7 +46,7 @@ pub struct Curvature {
     pub run: Option<String>,
     /// Probability with which the interval by the error that is to be trusted holds the true value.
     pub holds: f64,
-    /// Ends of the interval by the profile of the likelihood, a bound where that comes first; none where it does not end within five standard errors.
+    /// Ends of the interval by the profile of the likelihood, a bound where that comes first; none where it does not end within twenty standard errors.
     pub interval: [Option<f64>; 2],
 }
 

@@ -10,11 +10,12 @@ use super::noise_candidates::{NoiseModel, candidates, log_prior, median_interval
 use super::restricted_likelihood::{
     Decorrelated, Decorrelation, Likelihood, NormalEquations, Restricted, ShortRun, normal_equations,
 };
-use super::sandwich::{NoiseColour, PriorInformation, Sandwich, Uncorrected, is_lost};
+use super::sandwich::{NoiseColour, PriorInformation, Sandwich, Uncorrected, between};
 use super::sensitivity_rows::SensitivityRows;
 use crate::noise::Weights;
 use crate::problem::Problem;
 use crate::residuals::autoregression::{AutoRegression, LevinsonDurbin};
+use fdm_numeric::quadratic::Inverse;
 use fdm_numeric::statistics::Student;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -70,7 +71,7 @@ impl ShortRuns {
     ) -> Result<(), Uncorrected> {
         let n = freedom.len();
         let square = |values: &[f64]| DMatrix::from_row_slice(n, n, values);
-        let variances = self.average.variances(&square(&sandwich.bound.inverse.values), &square(others));
+        let variances = self.average.variances(&sandwich.bound.inverse, &square(others));
         let variances = variances.ok_or(Uncorrected::NotFinite)?;
         let factor = |j: usize| match covariance[j * n + j] {
             variance if variance > 0.0 => (variances[j].0 / variance).sqrt(),
@@ -214,21 +215,22 @@ impl Average {
         sum
     }
 
-    /// Variance of each chosen unknown and its degrees of freedom (n), with the Cramer-Rao covariance of the fit (n by n) on both sides
+    /// Variance of each chosen unknown and its degrees of freedom (n), with the Cramer-Rao covariance of the fit on both sides
     /// and beside it the middle of the others (n by n); none where numbers are not finite.
-    fn variances(&self, inverse: &DMatrix<f64>, others: &DMatrix<f64>) -> Option<Vec<(f64, f64)>> {
+    fn variances(&self, inverse: &Inverse, others: &DMatrix<f64>) -> Option<Vec<(f64, f64)>> {
+        let n = inverse.chosen.len();
+        let known = DMatrix::from_row_slice(n, n, &inverse.values);
         let around = |middle: &DMatrix<f64>| -> Vec<f64> {
-            let half = middle * inverse;
-            inverse.column_iter().zip(half.column_iter()).map(|(a, b)| a.dot(&b).max(0.0)).collect()
+            if let Some(covariance) = between(inverse, middle.as_slice()) {
+                return (0..n).map(|j| covariance[j * n + j]).collect();
+            }
+            let half = middle * &known;
+            known.column_iter().zip(half.column_iter()).map(|(a, b)| a.dot(&b).max(0.0)).collect()
         };
         // output, model, unknown
         let own: Vec<Vec<Vec<f64>>> = self.middles.iter().map(|m| m.par_iter().map(around).collect()).collect();
         let others = around(others);
         let one = |j: usize| {
-            let bound = inverse[(j, j)];
-            if is_lost(bound) {
-                return Some((bound, f64::INFINITY));
-            }
             let mut mixture = VarianceMixture::none();
             for (share, h) in &self.hypotheses {
                 let size = |k: usize, b: usize| h.growth[k][b] * own[k][b][j];

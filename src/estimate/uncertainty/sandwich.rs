@@ -8,6 +8,8 @@ use crate::problem::{KnownNoise, Problem, ProblemRun};
 use crate::residuals::autoregression::AutoRegression;
 use crate::unknowns::Unknowns;
 use fdm_numeric::dense::{multiply, multiply_to_symmetric};
+use fdm_numeric::quadratic::Inverse;
+use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -73,6 +75,9 @@ impl Sandwich<'_> {
 
     /// The covariance (n by n) with this middle.
     pub(crate) fn around(&self, middle: &[f64]) -> Vec<f64> {
+        if let Some(covariance) = between(&self.bound.inverse, middle) {
+            return covariance;
+        }
         let n = self.bound.inverse.chosen.len();
         let inverse = &self.bound.inverse.values;
         multiply_to_symmetric(&multiply(inverse, middle, n), inverse, n)
@@ -107,36 +112,29 @@ impl Sandwich<'_> {
     }
 }
 
-/// Variance in scaled unknowns, 1 were all others known, from which on rounding of `D M D` leaves no two digits of it: what M says of such a direction is lost
-/// in its entries, of size 1.
-const LOST: f64 = 1e-2 / f64::EPSILON;
+/// Variance of a direction in scaled unknowns, about 1 where all is determined, from which on rounding of the middle, whose entries are as large, takes the
+/// third digit of it.
+const LOST: f64 = 1e-3 / f64::EPSILON;
 
-/// Whether the corrected variance of an unknown cannot be told from rounding, by its variance in scaled unknowns.
-pub(super) fn is_lost(variance: f64) -> bool {
-    variance > LOST
-}
-
-/// Where corrected variances (n by n, with their degrees of freedom) are lost in rounding, those of the bound take their place, grown as the others are in
-/// the mean.
-pub(super) fn replace_lost(inverse: &[f64], covariance: &mut [f64], freedom: &mut [f64]) {
-    let n = freedom.len();
-    let (lost, kept): (Vec<usize>, Vec<usize>) = (0..n).partition(|k| is_lost(inverse[k * n + k]));
+/// `D M D` (n by n) where a direction is so badly determined that rounding of M leaves nothing of it; none where there is no such direction. In coordinates
+/// in which the information is the unit matrix, M says how much each variance grows; such a direction grows as the others do in the mean.
+pub(super) fn between(inverse: &Inverse, middle: &[f64]) -> Option<Vec<f64>> {
+    let n = inverse.chosen.len();
+    let rank = inverse.along.len() / n.max(1);
+    let is_lost = |k: &usize| inverse.along[k * n..][..n].iter().map(|v| v * v).sum::<f64>() > LOST;
+    let (lost, kept): (Vec<usize>, Vec<usize>) = (0..rank).partition(is_lost);
     if lost.is_empty() {
-        return;
+        return None;
     }
-    let growth = |k: usize| (covariance[k * n + k] / inverse[k * n + k]).sqrt();
-    let grown: Vec<f64> = kept.iter().map(|k| growth(*k)).filter(|g| g.is_finite()).collect();
-    let mean = (grown.iter().map(|g| g * g).sum::<f64>() / grown.len() as f64).sqrt();
-    let mean = if grown.is_empty() { 1.0 } else { mean };
-    let factors: Vec<f64> = (0..n).map(|k| if lost.contains(&k) { mean } else { growth(k) }).collect();
-    let fewest = kept.iter().map(|k| freedom[*k]).fold(f64::INFINITY, f64::min);
+    let along = DMatrix::from_row_slice(rank, n, &inverse.along);
+    let mut growth = &along * DMatrix::from_row_slice(n, n, middle) * along.transpose();
+    let mean = kept.iter().map(|k| growth[(*k, *k)]).sum::<f64>() / kept.len().max(1) as f64;
     for k in lost {
-        for j in 0..n {
-            let entry = inverse[k * n + j] * factors[k] * factors[j];
-            (covariance[k * n + j], covariance[j * n + k]) = (entry, entry);
-        }
-        freedom[k] = fewest;
+        growth.row_mut(k).fill(0.0);
+        growth.column_mut(k).fill(0.0);
+        growth[(k, k)] = if kept.is_empty() { 1.0 } else { mean };
     }
+    Some((along.transpose() * growth * along).as_slice().to_vec())
 }
 
 /// The corrected covariance.
@@ -309,15 +307,14 @@ mod tests {
 
     #[test]
     fn what_rounding_takes_grows_as_the_others() {
-        // the second of three is hardly determined, and its corrected variance is nonsense
-        let inverse = [2.0, 5.0, 0.0, 5.0, 1e15, 3.0, 0.0, 3.0, 4.0];
-        let mut covariance = [8.0, 1e3, 0.0, 1e3, -7e14, 0.0, 0.0, 0.0, 16.0];
-        let mut freedom = [20.0, f64::NAN, 12.0];
-        replace_lost(&inverse, &mut covariance, &mut freedom);
-        assert_eq!(covariance, [8.0, 20.0, 0.0, 20.0, 4e15, 12.0, 0.0, 12.0, 16.0]);
-        assert_eq!(freedom, [20.0, 12.0, 12.0]);
-        let mut known = [8.0];
-        replace_lost(&[2.0], &mut known, &mut [1.0]);
-        assert_eq!(known, [8.0]);
+        // two columns that differ by 1e-8, and noise of three times the variance that was taken for it
+        let (sum, difference) = (1.0 / 2.0_f64.sqrt() / 2.0_f64.sqrt(), 1e8 / 2.0_f64.sqrt());
+        let along = vec![sum, sum, difference, -difference];
+        let inverse = Inverse { chosen: vec![0, 1], along, ..Inverse::default() };
+        let found = between(&inverse, &[3.0, 3.0, 3.0, 3.0]).expect("a direction is lost");
+        assert!((found[0] / 1.5e16 - 1.0).abs() < 1e-9 && (found[1] / -1.5e16 - 1.0).abs() < 1e-9, "{found:?}");
+        // of the sum all digits are there
+        let well = Inverse { along: vec![sum, sum, 0.5, -0.5], ..inverse };
+        assert_eq!(between(&well, &[3.0, 3.0, 3.0, 3.0]), None);
     }
 }

@@ -136,3 +136,25 @@ fn others_at_their_bounds_beside_an_end_are_named() {
     let rest = |a: f64| u.iter().map(|u| ((a - p.value) * u - value).powi(2)).sum::<f64>() / 0.02;
     assert!((rest(high) / p.rise - 1.0).abs() < 0.03, "{} {}", rest(high), p.rise);
 }
+
+/// A rate that saturates: how early hardly shows, and not at all may be right.
+#[test]
+fn a_bound_closes_an_interval_and_is_where_another_ends() {
+    let u: Vec<f64> = (1..13).map(f64::from).collect();
+    let text = "model rate { input u; param V = 1, K = 1 in [0, 50]; output y = V*u/(K + u); }";
+    let (fit, runs, options) = fitted(text, &u, |u| 2.0 * u / (0.3 + u), 0.3);
+    let profiler = Profiler::new(&fit, &runs, &options, ALWAYS).expect("possible");
+    let [half, rate] = ["K", "V"].map(|name| profiler.of(name).expect("estimated"));
+    // with K held V is a quotient of sums
+    let cost = |k: f64| {
+        let shape: Vec<f64> = u.iter().map(|u| u / (k + u)).collect();
+        let sums =
+            |of: &dyn Fn(f64, f64) -> f64| shape.iter().zip(&runs[0].measured).map(|(x, z)| of(*x, *z)).sum::<f64>();
+        let v = sums(&|x, z| x * z) / sums(&|x, _| x * x);
+        sums(&|x, z| (z - v * x).powi(2)) / (2.0 * 0.3_f64.powi(2))
+    };
+    let [End::Bound(low), End::At(high)] = half.ends else { panic!("{half:?}") };
+    assert!(low == 0.0 && cost(0.0) - cost(half.value) < half.rise, "{half:?}");
+    assert!(((cost(high) - cost(half.value)) / half.rise - 1.0).abs() < 0.03, "{half:?}");
+    assert_eq!(rate.held, [vec![AtBound { name: "K".into(), bound: 0.0 }], Vec::new()], "{rate:?}");
+}

@@ -534,8 +534,18 @@ fn curved(estimate: &Estimate, c: &Curvature) -> String {
     let own = |k: usize| estimate.parameters[k].name == c.parameter && estimate.parameters[k].run == c.run;
     let partner = |(a, b, _): &(usize, usize, f64)| if own(*a) { Some(*b) } else { own(*b).then_some(*a) };
     let pairs = estimate.correlated(CORRELATED);
-    let partners: Vec<String> =
-        pairs.iter().filter_map(partner).take(MOST_PAIRS).map(|k| called(&estimate.parameters[k])).collect();
+    // what has a line of its own needs none here
+    let told = |k: &usize| {
+        let p = &estimate.parameters[*k];
+        estimate.curvature.iter().any(|c| c.parameter == p.name && c.run == p.run)
+    };
+    let partners: Vec<String> = pairs
+        .iter()
+        .filter_map(partner)
+        .filter(|k| !told(k))
+        .take(MOST_PAIRS)
+        .map(|k| called(&estimate.parameters[k]))
+        .collect();
     let like = if partners.is_empty() { String::new() } else { format!("; {} likewise", partners.join(", ")) };
     let name = named(&c.parameter, c.run.as_deref());
     let wrong = match c.is_narrow() {
@@ -543,7 +553,7 @@ fn curved(estimate: &Estimate, c: &Curvature) -> String {
         false => format!("the interval of {name} reaches much further than the data allow"),
     };
     let profile = match c.interval {
-        [None, None] => "its profile has no end within five standard errors".to_string(),
+        [None, None] => "its profile has no end within twenty standard errors".to_string(),
         [low, high] => format!("its profile gives {} to {}", end(low), end(high)),
     };
     format!("the likelihood is curved: {wrong}; {profile}{like} (`fdm profile`)")
