@@ -16,6 +16,7 @@ mod filter_error;
 mod flight_path;
 mod hidden_effects;
 mod identified_delays;
+mod intervals;
 mod kinetics;
 mod library;
 mod likelihoods;

@@ -2,7 +2,8 @@
 //! so that what fitting takes off is not taken for quiet. Correlated outputs are decorrelated first, `L^-1 e` with the Cholesky factor L of their covariance.
 
 use super::arrow::{Arrow, Blocks, Parts};
-use super::gauss_markov::{Clock, GaussMarkov};
+use super::gauss_markov::Clock;
+use super::noise_candidates::NoiseModel;
 use super::sensitivity_rows::SensitivityRows;
 use crate::iteration::products::accumulate;
 use nalgebra::{Cholesky, DMatrix, DVector};
@@ -96,9 +97,9 @@ impl DecorrelatedRows {
     }
 
     /// Products of all columns (wide by wide, the upper triangle) after `through` has been through the rows.
-    fn squares(&self, model: &GaussMarkov, through: impl FnOnce(&[f64], &mut [f64], usize)) -> Vec<f64> {
+    fn squares(&self, model: &NoiseModel, through: impl FnOnce(&[f64], &mut [f64], usize)) -> Vec<f64> {
         let mut values = self.values.clone();
-        through(&self.moments[usize::from(model.clock == Clock::Samples)], &mut values, self.wide);
+        through(&self.moments[usize::from(model.clock() == Clock::Samples)], &mut values, self.wide);
         let mut sums = vec![0.0; self.wide * self.wide];
         accumulate(&values, self.wide, values.len() / self.wide, self.wide, self.wide, &mut sums);
         sums
@@ -109,7 +110,7 @@ impl DecorrelatedRows {
 pub(super) fn normal_equations(
     parts: &[Decorrelated],
     runs: &[ShortRun<'_>],
-    model: &GaussMarkov,
+    model: &NoiseModel,
     blocks: &Blocks,
 ) -> (NormalEquations, DMatrix<f64>) {
     let n = blocks.len();

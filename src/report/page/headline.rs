@@ -184,7 +184,8 @@ fn place(about: About) -> &'static str {
         | About::NoNoise
         | About::Untested
         | About::NotMeasured
-        | About::Bridged => "residuals",
+        | About::Bridged
+        | About::Regressors => "residuals",
     }
 }
 
