@@ -21,6 +21,7 @@ use crate::recovery::checkpoint::{CheckpointObserver, CheckpointWriter};
 use crate::recovery::completion::{completed, without_noise};
 use crate::recovery::confidence::{fit_shorter_records, refit_with_weights};
 use crate::recovery::fallback::attempt;
+use crate::recovery::interpolable::unless_interpolable;
 use crate::recovery::multi_start::{StartSearch, many_starts, unbounded};
 use crate::residuals::run_quality;
 use crate::stated_initials::doubted_initials;
@@ -68,6 +69,7 @@ pub fn fit_kept(
     let mut stages = CheckpointObserver::new(&mut budget, &ledger, name, states);
     let found = attempt(&model, runs, &start, &options, &mut stages)
         .and_then(|first| completed(&given, runs, (&start, reached.as_deref()), first, &options, &mut stages))
+        .and_then(|fit| unless_interpolable(fit, runs, &start, &options, &mut stages))
         .and_then(|fit| examined(fit, runs, &start, &options, &mut stages));
     ledger.flush();
     let mut found = found?;

@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 #![allow(clippy::print_stdout, reason = "figures are to be seen")]
 
+mod best_kept;
 mod blocks;
 mod both_domains;
 mod campaigns;

@@ -10,6 +10,7 @@ pub(super) mod confidence;
 pub(super) mod continuation;
 pub(super) mod fallback;
 mod free_response;
+pub(super) mod interpolable;
 #[cfg(test)]
 mod limit_tests;
 mod magnitudes;

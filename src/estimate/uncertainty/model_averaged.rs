@@ -183,11 +183,13 @@ impl Average {
             .iter()
             .map(|parts| models.par_iter().map(|m| normal_equations(parts, short, m, &blocks)).collect())
             .collect();
-        // at the estimates the score of all runs vanishes: that of the others is opposite to these
-        let mut pull = blocks.parts(&DVector::zeros(n));
+        // at the estimates the score of all runs vanishes by the noise of the fit: that of the others is opposite to these. By any other noise, that of correlated
+        // outputs, it would pull at what the others say nothing of
+        let mut pull = DVector::zeros(n);
         if others.amax() > 0.0 {
-            tables.iter().for_each(|t| pull.add_over(-1.0, &t[0].0.vector));
+            short.iter().for_each(|run| run.add_score(-1.0, inverse_noise, &mut pull));
         }
+        let pull = blocks.parts(&pull);
         let others = Arrow::of(&blocks, &others);
         let (normals, middles) = tables.into_iter().map(|t| t.into_iter().unzip()).unzip();
         let restricted = Restricted { samples: samples.clone(), normals, others, pull };

@@ -15,6 +15,20 @@ pub(super) struct ShortRun<'r> {
     pub(super) places: Vec<Option<usize>>,
 }
 
+impl ShortRun<'_> {
+    /// Adds `factor` times the score `S' R^-1 e` to that of the chosen unknowns (n); `inverse_noise` is that of the fit (q by q).
+    pub(super) fn add_score(&self, factor: f64, inverse_noise: &[f64], score: &mut DVector<f64>) {
+        let weighted = self.rows.weighted(inverse_noise);
+        for (o, residuals) in self.rows.residuals.iter().enumerate() {
+            let rows = weighted.of_output(o).chunks_exact(self.rows.width.max(1));
+            for (row, residual) in rows.zip(residuals).filter(|(_, e)| !e.is_nan()) {
+                let placed = row.iter().zip(&self.places).filter_map(|(s, place)| Some((s, (*place)?)));
+                placed.for_each(|(s, place)| score[place] += factor * s * residual);
+            }
+        }
+    }
+}
+
 /// Combinations of the outputs whose noises are independent, of deviation 1 where the noise is what the covariance says.
 pub(super) struct Decorrelation {
     /// `L^-1` (q by q).
