@@ -3,11 +3,12 @@
 use super::error::FilterError;
 use super::likelihood::{Deviation, Lost, Setting};
 use super::scoring::{Found, minimise};
+use crate::combinations::ignored;
 use crate::estimate::{Estimate, ParameterEstimate, RunFit, Symmetric};
 use crate::method::{Domain, Method};
 use crate::noise::Weights;
 use crate::observer::Observer;
-use crate::output_error::error::{FitError, StrategyError};
+use crate::output_error::error::FitError;
 use crate::output_error::fit::Fit;
 use crate::output_error::integration_fault::IntegrationFault;
 use crate::output_error::noise_model::{refused, without_output_noise};
@@ -47,7 +48,7 @@ const SILENT: f64 = 0.05;
 /// Estimates a model's parameters, the intensities of the noise in its equations and the measurement noise by maximum likelihood with an
 /// extended Kalman filter: all that `fdm fit --method filter-error` does, but reading and printing.
 ///
-/// Of the options changes, noise, iterations and steps are heeded.
+/// Of the options changes, noise, iterations and steps are heeded; others that were given are refused.
 ///
 /// # Errors
 /// [`FilterError`]; a fit that ran and went wrong is an [`Estimate`] with its [`Termination`].
@@ -60,8 +61,7 @@ pub fn fit_filter(
     let observer = &mut Budget::new(observer, options.options.total);
     let model = changed(model, &options.changes)?;
     let refused = refused(&model, &options.options.noise, Method::FilterError, Domain::Time);
-    let loss = StrategyError::LossOfMethod { method: Method::FilterError, domain: Domain::Time };
-    if let Some(refused) = refused.or((!options.loss.is_squares()).then_some(loss)) {
+    if let Some(refused) = refused.or_else(|| ignored(options, Method::FilterError, Domain::Time)) {
         return Err(FilterError::Fit(FitError::Strategy(refused)));
     }
     let model = without_output_noise(&model);
