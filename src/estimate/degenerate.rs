@@ -23,15 +23,6 @@ pub enum Degeneracy {
         /// Samples less the sum of their leverages.
         freedom: f64,
     },
-    /// Elsewhere the likelihood is greater than at its maximum here, and the more so the better the model passes through the samples of an output.
-    Elsewhere {
-        /// The output.
-        output: String,
-        /// Its compared samples.
-        samples: usize,
-        /// By how much the logarithm of the likelihood was greater where the search for that place ended.
-        gain: f64,
-    },
     /// The standard deviation that is stated for an output passes zero within a run.
     Deviation {
         /// The output.
@@ -42,6 +33,15 @@ pub enum Degeneracy {
         run: String,
         /// Time since the run began, in the model's time unit.
         time: f64,
+    },
+    /// Elsewhere the likelihood is greater than at its maximum here, and the more so the better the model passes through the samples of an output.
+    Elsewhere {
+        /// The output.
+        output: String,
+        /// Its compared samples.
+        samples: usize,
+        /// By how much the logarithm of the likelihood was greater where the search for that place ended.
+        gain: f64,
     },
 }
 

@@ -183,8 +183,8 @@ impl Average {
             .iter()
             .map(|parts| models.par_iter().map(|m| normal_equations(parts, short, m, &blocks)).collect())
             .collect();
-        // at the estimates the score of all runs vanishes by the noise of the fit: that of the others is opposite to these. By any other noise, that of correlated
-        // outputs, it would pull at what the others say nothing of
+        // at the estimates the score of all runs vanishes by the noise of the fit: that of the others is opposite to these. By the noise of correlated outputs
+        // it would pull at what the others say nothing of
         let mut pull = DVector::zeros(n);
         if others.amax() > 0.0 {
             short.iter().for_each(|run| run.add_score(-1.0, inverse_noise, &mut pull));
