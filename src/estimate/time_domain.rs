@@ -4,7 +4,7 @@
 use crate::changes::Changes;
 use crate::estimate::RunFit;
 use crate::few_samples::few_samples;
-use crate::interpolation::compare;
+use crate::interpolation::{compare, uncompared};
 use crate::method::{Domain, Method, SmoothBy};
 use crate::noise::Noise;
 use crate::observer::{CheckpointStore, Observer};
@@ -205,8 +205,12 @@ pub fn examined(
         if fit.estimate.termination.is_good() && fit.shooting.as_ref().is_none_or(|s| s.polished) {
             fit.few_samples = few_samples(&fit, runs, &thetas);
             fit.doubted_initials = doubted_initials(&fit, runs, &thetas, options, observer)?;
-            if options.options.colour && fit.loss.is_squares() && fit.noise_of_samples.is_empty() {
-                fit.interpolations = compare(&fit, runs, &thetas, options, observer);
+            match fit.loss.is_squares() && fit.noise_of_samples.is_empty() {
+                true if options.options.colour => {
+                    fit.interpolations = compare(&fit, runs, &thetas, options, observer);
+                }
+                true => {}
+                false => fit.uncompared_inputs = uncompared(&fit.model, runs),
             }
         }
     }

@@ -5,6 +5,7 @@ use super::likelihood::{Deviation, Lost, Setting};
 use super::scoring::{Found, minimise};
 use crate::combinations::ignored;
 use crate::estimate::{Estimate, ParameterEstimate, RunFit, Symmetric};
+use crate::interpolation::uncompared;
 use crate::method::{Domain, Method};
 use crate::noise::Weights;
 use crate::observer::Observer;
@@ -177,7 +178,8 @@ fn concluded(
     let (estimate, deviations) = apart(setting, estimate);
     let judge = |(run, result): (&Run, &RunFit)| run_quality(model, run, &result.response);
     let quality = setting.runs.iter().zip(&estimate.runs).flat_map(judge).collect();
-    let mut fit = Fit { quality, ..Fit::new(model.clone(), estimate, integration) };
+    let uncompared_inputs = uncompared(model, setting.runs);
+    let mut fit = Fit { quality, uncompared_inputs, ..Fit::new(model.clone(), estimate, integration) };
     let faults = setting.runs.iter().zip(&worst).flat_map(|(run, worst)| IntegrationFault::of(&fit, run, worst));
     fit.integration_faults = faults.collect();
     Ok(FilterFit { fit, deviations, silent })

@@ -292,6 +292,7 @@ pub fn fit_remarks(fit: &Fit) -> Vec<Remark> {
     remarks.extend(estimate_remarks(&fit.estimate));
     remarks.extend(equal_minima(fit).into_iter().map(|said| Remark::new(About::Minima, said)));
     remarks.extend(fit.interpolations.iter().filter_map(interpolation));
+    remarks.extend(not_compared(&fit.uncompared_inputs));
     if !fit.loss.is_squares() {
         let said =
             format!("estimated by {} in place of squares: the noise covariance is that of pseudo-values", fit.loss);
@@ -334,6 +335,17 @@ fn not_explained(found: &Unexplained) -> String {
         (Some(r2), None, None) => format!("{name} is not explained by the model ({r2}): its response does not move"),
         (None, ..) => format!("{name} never changes in the record, and is not what the model says"),
     }
+}
+
+/// Inputs about which nobody said how they go between samples, where that was not compared.
+fn not_compared(inputs: &[String]) -> Option<Remark> {
+    let first = inputs.first()?;
+    let names = inputs.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ");
+    let said = format!(
+        "whether {names} went held between samples or in straight lines was not compared: that is done by output error with squares and noise of one \
+         size; say which: `--zoh {first}` or `--linear {first}`"
+    );
+    Some(Remark::new(About::Untested, said))
 }
 
 /// What the record says of an input about which nobody said how it goes between samples, where the fit has it the other way or it matters.

@@ -184,7 +184,7 @@ fn held_inputs_keep_edges_of_another_clock() {
     let own: Vec<(f64, f64)> = (0..40).map(|k| (0.013 + 0.149 * k as f64, values[k])).filter(|c| c.0 < 5.9).collect();
     let close = [&own[..], &[(2.31, 7.0), (2.36, 8.0), (5.83, 2.0)]].concat();
     let halves: Vec<(f64, f64)> = (0..29).map(|k| (0.15 + 0.2 * k as f64, values[k])).collect();
-    for (mut changes, missing) in [(own, 0..0), (close, 30..33), (halves, 0..0)] {
+    for (mut changes, missing) in [(own, 0..0), (close, 30..31), (halves, 0..0)] {
         changes.sort_by(|a, b| a.0.total_cmp(&b.0));
         let run = commanded(n, dt, &changes, missing);
         for (ends, outer) in [(Ends::Interpolated, 1), (Ends::Extrapolated, 0)] {
