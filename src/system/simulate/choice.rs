@@ -1,12 +1,13 @@
 //! Chooses method and steps of a run: the least work that brings the integration error below 1e-8 of every output's range.
 //!
-//! The error of a response is its difference from that of half the steps. Explicit steps are doubled until the response stands still.
+//! The error of a response is what halving its steps says (`integration_error.rs`). Explicit steps are doubled until it stands still.
 //! When that takes more of them than an implicit step is worth, the model may be stiff, or quick in one place only: then both methods
 //! are tried with steps as long as accuracy allows (`step_control.rs`), and the cheaper one is taken. Work is counted in operations, not in
 //! seconds, so that the choice is always the same.
 
 use super::discrete::{self, Intervals};
-use super::error::{Divergence, MOST_IMPLICIT, Unsuited};
+use super::error::{MOST_IMPLICIT, Unsuited};
+use super::integration_error::{SOUND, TOLERANCE, UNSOUND, difference, integration_error, remaining, response};
 use super::simulator::Simulator;
 use super::step_control::{self, Probe, Scales};
 use super::steps::{Grid, Scheme, Steps};
@@ -247,11 +248,15 @@ impl Choice<'_> {
         let mut coarse = at(1)?;
         let mut best = Accuracy { steps: Steps::equal(scheme, 1), error: f64::INFINITY };
         let (mut fine, mut stalls) = (2, 0);
+        let (mut before, mut ratios) = (f64::INFINITY, [0.0; 2]);
         while fine / 2 <= most && fine * self.run.len() <= MOST_STEPS && (self.goes_on)() {
             let next = at(fine)?;
             if let (Ok(a), Ok(b)) = (&coarse, &next) {
                 let steps = Steps::equal(scheme, fine / 2);
-                let error = halving(a, b, self.dynamics.layout().outputs, &steps);
+                let off = difference(a, b, self.dynamics.layout().outputs);
+                ratios = [ratios[1], off / before];
+                before = off;
+                let error = remaining(scheme, off, &ratios);
                 stalls = if error > 0.7 * best.error && (error <= UNSOUND || !unsound) { stalls + 1 } else { 0 };
                 if error < best.error {
                     best = Accuracy { steps, error };
@@ -259,6 +264,8 @@ impl Choice<'_> {
                 if error <= self.aim.tolerance || stalls == STALLS {
                     break;
                 }
+            } else {
+                before = f64::INFINITY;
             }
             coarse = next;
             fine *= 2;
@@ -401,184 +408,11 @@ pub struct Accuracy {
     pub error: f64,
 }
 
-/// Integration errors below this part of an output's range are of no consequence to any estimate.
-pub(super) const TOLERANCE: f64 = 1e-8;
-/// The same for a response that is looked at only; and for estimates from records with hardly any noise.
-pub const SOUND: f64 = 1e-6;
-/// A response with an integration error above this part of an output's range is none.
-pub const UNSOUND: f64 = 1e-3;
-
-/// Where a response is farthest from that with half of its steps.
-#[derive(Debug, Clone, PartialEq)]
-pub struct WorstError {
-    /// The output, by its place.
-    pub output: usize,
-    /// The sample.
-    pub sample: usize,
-    /// The integration error there, in the output's unit.
-    pub error: f64,
-    /// The same as a part of the output's range.
-    pub part: f64,
-    /// Root of the sum of the squares of the errors at all samples, in the output's unit.
-    pub norm: f64,
-    /// The state that is farthest off at that sample beside its own size; none where that is not known.
-    pub state: Option<usize>,
-}
-
-impl WorstError {
-    /// Where two responses (N by q each) are farthest apart that were computed with these steps and with half of them, output by output
-    /// as far as that is above `least` of their ranges; the worst first.
-    pub fn between(coarse: &[f64], fine: &[f64], outputs: usize, steps: &Steps, least: f64) -> Vec<Self> {
-        let removed = steps.scheme().part_removed_by_halving();
-        let mut found = Vec::new();
-        for output in 0..outputs {
-            let range = output_range(fine.iter().skip(output).step_by(outputs));
-            let pairs = coarse.iter().zip(fine).skip(output).step_by(outputs).map(|(a, b)| (a - b).abs());
-            let worst = pairs.clone().enumerate().max_by(|(i, a), (j, b)| a.total_cmp(b).then(j.cmp(i)));
-            let Some((sample, off)) = worst else { continue };
-            let error = off * removed;
-            if error > least * range {
-                let norm = removed * pairs.map(|off| off * off).sum::<f64>().sqrt();
-                found.push(Self { output, sample, error, part: error / range, norm, state: None });
-            }
-        }
-        found.sort_by(|a, b| b.part.total_cmp(&a.part));
-        found
-    }
-
-    /// Where the response with half of the steps is lost.
-    fn lost(place: Divergence, outputs: usize) -> Vec<Self> {
-        let Divergence { sample, state, .. } = place;
-        let lost = Self { output: 0, sample, error: f64::INFINITY, part: f64::INFINITY, norm: f64::INFINITY, state };
-        if outputs > 0 { vec![lost] } else { Vec::new() }
-    }
-}
-
-/// Where the response (N by q) with these steps is farthest from that with half of them, output by output as far as they are
-/// above `least` of their ranges; the worst first. Where the response with half of them is not finite, that place alone, with an
-/// infinite error.
-///
-/// # Errors
-/// [`Unsuited`] as for [`Simulator::new`].
-pub fn worst_errors(
-    dynamics: &dyn Dynamics,
-    run: &Run,
-    theta: &[f64],
-    steps: &Steps,
-    least: f64,
-) -> Result<Vec<WorstError>, Unsuited> {
-    let (n, q) = (dynamics.layout().states, dynamics.layout().outputs);
-    let finer = steps.halved();
-    let Ok(coarse) = response(dynamics, run, theta, steps)? else { return Ok(Vec::new()) };
-    let fine = match response(dynamics, run, theta, &finer)? {
-        Ok(fine) => fine,
-        Err(lost) => return Ok(WorstError::lost(lost, q)),
-    };
-    let states = |steps: &Steps| -> Result<Option<Vec<f64>>, Unsuited> {
-        let mut x = vec![0.0; run.len() * n];
-        let known = Simulator::new(dynamics, run, steps.clone())?.states(theta, &mut x);
-        Ok((known == Ok(true)).then_some(x))
-    };
-    let mut found = WorstError::between(&coarse, &fine, q, steps, least);
-    if !found.is_empty()
-        && let (Some(a), Some(b)) = (states(steps)?, states(&finer)?)
-    {
-        let size = |j: usize| b.iter().skip(j).step_by(n).fold(f64::MIN_POSITIVE, |s, x| s.max(x.abs()));
-        let sizes: Vec<f64> = (0..n).map(size).collect();
-        for worst in &mut found {
-            let off = |j: usize| (a[worst.sample * n + j] - b[worst.sample * n + j]).abs() / sizes[j];
-            worst.state = (0..n).max_by(|i, j| off(*i).total_cmp(&off(*j)).then(j.cmp(i)));
-        }
-    }
-    Ok(found)
-}
-
-/// Between the least and the greatest value of an output; of what does not move its size, or 1.
-pub fn output_range<'v>(values: impl Iterator<Item = &'v f64> + Clone) -> f64 {
-    let high = values.clone().copied().fold(f64::NEG_INFINITY, f64::max);
-    let low = values.copied().fold(f64::INFINITY, f64::min);
-    if high > low { high - low } else { high.abs().max(1.0) }
-}
-
-/// Integration error of a response with these steps, measured as in [`Accuracy::error`]; infinite when it, or that with half the
-/// steps, is not finite.
-///
-/// # Errors
-/// [`Unsuited`] as for [`Simulator::new`].
-pub fn integration_error(
-    dynamics: &dyn Dynamics,
-    run: &Run,
-    theta: &[f64],
-    steps: impl Into<Steps>,
-) -> Result<f64, Unsuited> {
-    let steps = steps.into();
-    if is_exact(dynamics, run, &steps) {
-        return Ok(0.0);
-    }
-    match response(dynamics, run, theta, &steps)? {
-        Ok(coarse) => error_of(dynamics, run, theta, &steps, &coarse),
-        Err(_) => Ok(f64::INFINITY),
-    }
-}
-
-/// The same for a response (N by q) that is known.
-///
-/// # Errors
-/// As [`integration_error`].
-pub fn error_of(
-    dynamics: &dyn Dynamics,
-    run: &Run,
-    theta: &[f64],
-    steps: &Steps,
-    coarse: &[f64],
-) -> Result<f64, Unsuited> {
-    if is_exact(dynamics, run, steps) {
-        return Ok(0.0);
-    }
-    let Ok(fine) = response(dynamics, run, theta, &steps.halved())? else { return Ok(f64::INFINITY) };
-    Ok(halving(coarse, &fine, dynamics.layout().outputs, steps))
-}
-
-/// Whether halving the steps changes nothing.
-fn is_exact(dynamics: &dyn Dynamics, run: &Run, steps: &Steps) -> bool {
-    let layout = dynamics.layout();
-    let exact = matches!(steps.scheme(), Scheme::Recursion { .. }) && layout.delayed.is_empty();
-    exact || layout.states == 0 || run.len() < 2
-}
-
-/// The error of the coarse response, of which halving the steps removes all but one part in 2 to the power of the order.
-pub(super) fn halving(coarse: &[f64], fine: &[f64], outputs: usize, steps: &Steps) -> f64 {
-    difference(coarse, fine, outputs) * steps.scheme().part_removed_by_halving()
-}
-
-pub(super) fn response(
-    dynamics: &dyn Dynamics,
-    run: &Run,
-    theta: &[f64],
-    steps: &Steps,
-) -> Result<Result<Vec<f64>, Divergence>, Unsuited> {
-    let mut simulator = Simulator::new(dynamics, run, steps.clone())?;
-    simulator.suits(theta)?;
-    let mut y = vec![0.0; simulator.samples() * simulator.outputs()];
-    Ok(simulator.simulate(theta, &mut y).map(|()| y))
-}
-
-/// Largest difference of two responses, each output as a part of its range.
-fn difference(a: &[f64], b: &[f64], outputs: usize) -> f64 {
-    let mut worst = 0.0_f64;
-    for i in 0..outputs {
-        let column = |y: &'_ [f64]| y.iter().skip(i).step_by(outputs).copied().collect::<Vec<f64>>();
-        let (a, b) = (column(a), column(b));
-        let range = output_range(b.iter());
-        worst = a.iter().zip(&b).map(|(a, b)| (a - b).abs() / range).fold(worst, f64::max);
-    }
-    worst
-}
-
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
 
+    use super::super::integration_error::worst_errors;
     use super::*;
     use crate::model::Model;
 

@@ -121,6 +121,12 @@ impl Steps {
         Self { scheme: self.scheme, spacing }
     }
 
+    /// Steps of twice the length; none where their number in an interval is odd, or not that in every other.
+    pub(super) fn joined(&self) -> Option<Self> {
+        let per_interval = self.per_interval().filter(|per| per % 2 == 0)?;
+        Some(Self { spacing: Spacing::Equal(per_interval / 2), ..self.clone() })
+    }
+
     /// The steps of a part of the run, given by its samples.
     #[must_use]
     pub fn part(&self, samples: Range<usize>) -> Self {
