@@ -116,6 +116,10 @@ struct Aim {
     enough: f64,
 }
 
+/// Work of a step that is cut at kinks where there are some, in whole steps: beside the rates at its four stages those at both ends, and the
+/// switching functions at five places.
+const WORK_OF_CUTTING: usize = 2;
+
 /// Halvings in a row that do not help, after which steps are not halved again: once is no rule, as a delayed kink that shares a
 /// step with a sample leaves it when the step is halved again.
 const STALLS: usize = 2;
@@ -241,18 +245,38 @@ impl Choice<'_> {
         Ok(Some(Accuracy { steps, error }))
     }
 
-    /// Doubles the steps between samples until halving them moves nothing, or has not helped several times in a row: `unsound` responses
-    /// do not count there where they are no reason to stop.
+    /// Equal steps in all intervals, whole or cut at kinks: those that cost less, or reach more.
     fn equal(&self, scheme: Scheme, most: usize, unsound: bool) -> Result<Accuracy, Unsuited> {
-        let at = |per: usize| response(self.dynamics, self.run, self.theta, &Steps::equal(scheme, per));
+        let (whole, layout) = (Steps::equal(scheme, 1), self.dynamics.layout());
+        if scheme != Scheme::RungeKutta || layout.kinks == 0 {
+            return self.doubled(&whole, most, unsound);
+        }
+        // whole steps are tried first as far as cut ones cannot cost less, and then as far as they do not cost more
+        let cut = whole.clone().cut_at_kinks();
+        let good = |found: &Accuracy| found.error <= self.aim.tolerance;
+        let few = self.doubled(&whole, most.min(WORK_OF_CUTTING), unsound)?;
+        if good(&few) || most <= WORK_OF_CUTTING {
+            return Ok(few);
+        }
+        let cut = self.doubled(&cut, most / WORK_OF_CUTTING, unsound)?;
+        let worth = if good(&cut) { WORK_OF_CUTTING * cut.steps.most() } else { most };
+        let whole = self.doubled(&whole, worth, unsound)?;
+        Ok(if good(&whole) || whole.error < cut.error { whole } else { cut })
+    }
+
+    /// Doubles the steps in all intervals until halving them moves nothing, or has not helped several times in a row: `unsound` responses
+    /// do not count there where they are no reason to stop.
+    fn doubled(&self, kind: &Steps, most: usize, unsound: bool) -> Result<Accuracy, Unsuited> {
+        let scheme = kind.scheme();
+        let at = |per: usize| response(self.dynamics, self.run, self.theta, &kind.with_equal(per));
         let mut coarse = at(1)?;
-        let mut best = Accuracy { steps: Steps::equal(scheme, 1), error: f64::INFINITY };
+        let mut best = Accuracy { steps: kind.with_equal(1), error: f64::INFINITY };
         let (mut fine, mut stalls) = (2, 0);
         let (mut before, mut ratios) = (f64::INFINITY, [0.0; 2]);
         while fine / 2 <= most && fine * self.run.len() <= MOST_STEPS && (self.goes_on)() {
             let next = at(fine)?;
             if let (Ok(a), Ok(b)) = (&coarse, &next) {
-                let steps = Steps::equal(scheme, fine / 2);
+                let steps = kind.with_equal(fine / 2);
                 let off = difference(a, b, self.dynamics.layout().outputs);
                 ratios = [ratios[1], off / before];
                 before = off;

@@ -2,11 +2,12 @@
 //!
 //! Method and steps are chosen once ([`choose_steps`]) and then kept, so that the sensitivities are the exact derivative of the discrete
 //! response, not an approximation of the derivative of something else. A `Trajectory` is what every integrator advances: explicit
-//! steps (`runge_kutta.rs`; across events `events.rs`, cut at limits `limits.rs`), implicit ones for stiff models (`stiff`), models with delayed states (`delayed`), and linear models by exact
+//! steps (`runge_kutta.rs`; across events `events.rs`, cut at limits and kinks `cuts.rs`), implicit ones for stiff models (`stiff`), models with delayed states (`delayed`), and linear models by exact
 //! discretisation (`discrete`).
 
 mod blocks;
 mod choice;
+mod cuts;
 mod delayed;
 mod delayed_inputs;
 mod discrete;
@@ -15,7 +16,6 @@ mod error;
 mod event_steps;
 mod events;
 mod integration_error;
-mod limits;
 mod observation;
 mod runge_kutta;
 mod simulator;
