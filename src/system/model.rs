@@ -167,7 +167,8 @@ impl Model {
                 lines(&source, &diagnostics)
             ),
         };
-        let dynamics = build(compiled.schedule.layout.clone()).into();
+        // its steps are not cut at kinks: the functions that these are found by are not generated
+        let dynamics = build(Layout { kinks: 0, ..compiled.schedule.layout.clone() }).into();
         Self { source, compiled: Arc::new(compiled), dynamics }
     }
 

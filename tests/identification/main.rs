@@ -32,6 +32,7 @@ mod recursive;
 mod reference_papers;
 mod sensitivities;
 mod spectra_partials;
+mod steps;
 mod stiff;
 mod strategies;
 mod surfaces;

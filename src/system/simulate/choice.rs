@@ -1,12 +1,13 @@
 //! Chooses method and steps of a run: the least work that brings the integration error below 1e-8 of every output's range.
 //!
-//! The error of a response is its difference from that of half the steps. Explicit steps are doubled until the response stands still.
+//! The error of a response is what halving its steps says (`integration_error.rs`). Explicit steps are doubled until it stands still.
 //! When that takes more of them than an implicit step is worth, the model may be stiff, or quick in one place only: then both methods
 //! are tried with steps as long as accuracy allows (`step_control.rs`), and the cheaper one is taken. Work is counted in operations, not in
 //! seconds, so that the choice is always the same.
 
 use super::discrete::{self, Intervals};
-use super::error::{Divergence, MOST_IMPLICIT, Unsuited};
+use super::error::{MOST_IMPLICIT, Unsuited};
+use super::integration_error::{SOUND, TOLERANCE, UNSOUND, difference, integration_error, remaining, response};
 use super::simulator::Simulator;
 use super::step_control::{self, Probe, Scales};
 use super::steps::{Grid, Scheme, Steps};
@@ -114,6 +115,10 @@ struct Aim {
     /// Good enough where the first few halvings do not reach that.
     enough: f64,
 }
+
+/// Work of a step that is cut at kinks where there are some, in whole steps: beside the rates at its four stages those at both ends, and the
+/// switching functions at five places.
+const WORK_OF_CUTTING: usize = 2;
 
 /// Halvings in a row that do not help, after which steps are not halved again: once is no rule, as a delayed kink that shares a
 /// step with a sample leaves it when the step is halved again.
@@ -240,18 +245,42 @@ impl Choice<'_> {
         Ok(Some(Accuracy { steps, error }))
     }
 
-    /// Doubles the steps between samples until halving them moves nothing, or has not helped several times in a row: `unsound` responses
-    /// do not count there where they are no reason to stop.
+    /// Equal steps in all intervals, whole or cut at kinks: those that cost less, or reach more.
     fn equal(&self, scheme: Scheme, most: usize, unsound: bool) -> Result<Accuracy, Unsuited> {
-        let at = |per: usize| response(self.dynamics, self.run, self.theta, &Steps::equal(scheme, per));
+        let (whole, layout) = (Steps::equal(scheme, 1), self.dynamics.layout());
+        if scheme != Scheme::RungeKutta || layout.kinks == 0 {
+            return self.doubled(&whole, most, unsound);
+        }
+        // whole steps are tried first as far as cut ones cannot cost less, and then as far as they do not cost more
+        let cut = whole.clone().cut_at_kinks();
+        let good = |found: &Accuracy| found.error <= self.aim.tolerance;
+        let few = self.doubled(&whole, most.min(WORK_OF_CUTTING), unsound)?;
+        if good(&few) || most <= WORK_OF_CUTTING {
+            return Ok(few);
+        }
+        let cut = self.doubled(&cut, most / WORK_OF_CUTTING, unsound)?;
+        let worth = if good(&cut) { WORK_OF_CUTTING * cut.steps.most() } else { most };
+        let whole = self.doubled(&whole, worth, unsound)?;
+        Ok(if good(&whole) || whole.error < cut.error { whole } else { cut })
+    }
+
+    /// Doubles the steps in all intervals until halving them moves nothing, or has not helped several times in a row: `unsound` responses
+    /// do not count there where they are no reason to stop.
+    fn doubled(&self, kind: &Steps, most: usize, unsound: bool) -> Result<Accuracy, Unsuited> {
+        let scheme = kind.scheme();
+        let at = |per: usize| response(self.dynamics, self.run, self.theta, &kind.with_equal(per));
         let mut coarse = at(1)?;
-        let mut best = Accuracy { steps: Steps::equal(scheme, 1), error: f64::INFINITY };
+        let mut best = Accuracy { steps: kind.with_equal(1), error: f64::INFINITY };
         let (mut fine, mut stalls) = (2, 0);
+        let (mut before, mut ratios) = (f64::INFINITY, [0.0; 2]);
         while fine / 2 <= most && fine * self.run.len() <= MOST_STEPS && (self.goes_on)() {
             let next = at(fine)?;
             if let (Ok(a), Ok(b)) = (&coarse, &next) {
-                let steps = Steps::equal(scheme, fine / 2);
-                let error = halving(a, b, self.dynamics.layout().outputs, &steps);
+                let steps = kind.with_equal(fine / 2);
+                let off = difference(a, b, self.dynamics.layout().outputs);
+                ratios = [ratios[1], off / before];
+                before = off;
+                let error = remaining(scheme, off, &ratios);
                 stalls = if error > 0.7 * best.error && (error <= UNSOUND || !unsound) { stalls + 1 } else { 0 };
                 if error < best.error {
                     best = Accuracy { steps, error };
@@ -259,6 +288,8 @@ impl Choice<'_> {
                 if error <= self.aim.tolerance || stalls == STALLS {
                     break;
                 }
+            } else {
+                before = f64::INFINITY;
             }
             coarse = next;
             fine *= 2;
@@ -401,6 +432,7 @@ pub struct Accuracy {
     pub error: f64,
 }
 
+<<<<<<< HEAD
 /// Integration errors below this part of an output's range are of no consequence to any estimate.
 pub(super) const TOLERANCE: f64 = 1e-8;
 /// Integration error, as a part of an output's range, that is good enough for a response that is looked at only, and
@@ -576,10 +608,13 @@ fn difference(a: &[f64], b: &[f64], outputs: usize) -> f64 {
     worst
 }
 
+=======
+>>>>>>> 960f9fdbe97877cd38b0870eb1a2450bac189f60
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
 
+    use super::super::integration_error::worst_errors;
     use super::*;
     use crate::model::Model;
 
