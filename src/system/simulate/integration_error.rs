@@ -13,7 +13,8 @@ use crate::record::Run;
 
 /// Integration errors below this part of an output's range are of no consequence to any estimate.
 pub(super) const TOLERANCE: f64 = 1e-8;
-/// The same for a response that is looked at only; and for estimates from records with hardly any noise.
+/// Integration error, as a part of an output's range, that is good enough for a response that is looked at only, and
+/// for estimates from records with hardly any noise.
 pub const SOUND: f64 = 1e-6;
 /// A response with an integration error above this part of an output's range is none.
 pub const UNSOUND: f64 = 1e-3;
@@ -40,7 +41,7 @@ pub struct WorstError {
     pub sample: usize,
     /// The integration error there, in the output's unit.
     pub error: f64,
-    /// The same as a part of the output's range.
+    /// The integration error there, as a part of the output's range.
     pub part: f64,
     /// Root of the sum of the squares of the errors at all samples, in the output's unit.
     pub norm: f64,
@@ -149,7 +150,7 @@ pub fn integration_error(
     }
 }
 
-/// The same for a response (N by q) that is known.
+/// Estimated integration error of a response (N by q) that is known.
 ///
 /// # Errors
 /// As [`integration_error`].
