@@ -56,7 +56,7 @@ impl WorstError {
         Self::apart((coarse, fine), outputs, remaining(steps.scheme(), 1.0, &[]), least)
     }
 
-    /// The same, where the error is `grown` times the difference.
+    /// Errors of each output where the error is `grown` times the difference between both responses.
     fn apart((coarse, fine): (&[f64], &[f64]), outputs: usize, grown: f64, least: f64) -> Vec<Self> {
         let mut found = Vec::new();
         for output in 0..outputs {
