@@ -448,9 +448,9 @@ fn an_output_that_is_late_by_half_a_swing_is_late_and_not_turned() {
 
 #[test]
 fn beside_a_response_that_is_lost_the_search_ends_with_the_method_that_works() {
-    // an unstable plant that a controller holds in place: 130 e-folds over the record
-    let text = "model p { input u; state x = free, v = free; param a = 9 [1/s^2], b = 1 [1/s^2]; der(x) = v; der(v) = a*x + b*u; \
-                output x_m = x, v_m = v; }";
+    // an unstable plant that a controller holds in place: 130 e-folds over the record; with a delay it cannot be cut into segments
+    let text = "model p { input u; state x = free, v = free; param a = 9 [1/s^2], b = 1 [1/s^2], tau = 0.01 in [0, 0.1] [s]; der(x) = v; \
+                der(v) = a*x + b*delay(u, tau); output x_m = x, v_m = v; }";
     let model = Model::from_text("p.fdm", text).unwrap_or_else(|e| panic!("{e:?}"));
     let (mut x, mut v, mut noise) = (0.05_f64, 0.0_f64, Noise::new(77));
     let (mut time, mut inputs, mut measured) = (Vec::new(), Vec::new(), Vec::new());
