@@ -185,18 +185,15 @@ impl Choice<'_> {
         let implicit = self.uneven(Scheme::Radau, self.most_uneven())?;
         let implicit = match implicit {
             Some(implicit) if implicit.error <= self.aim.enough => implicit,
-            rough => {
-                let explicit = self.explicit(MOST_STEPS)?;
-                let explicit = self.steadied(&explicit)?.unwrap_or(explicit);
-                return Ok(rough.filter(|implicit| implicit.error < explicit.error).unwrap_or(explicit));
-            }
+            rough => return self.finest(rough),
         };
         let worth = implicit.steps.total(samples) as f64 * self.work.radau / self.work.runge_kutta;
         let explicit = self.explicit((worth as usize).min(MOST_STEPS))?;
         let fewer =
             |explicit: &Accuracy| explicit.error <= self.aim.enough && explicit.steps.total(samples) as f64 <= worth;
         if !fewer(&explicit) {
-            return Ok(implicit);
+            let implicit = self.beside(implicit, &explicit)?;
+            return if implicit.error <= self.aim.enough { Ok(implicit) } else { self.finest(Some(implicit)) };
         }
         if let Some(steady) = self.steadied(&explicit)? {
             return Ok(if fewer(&steady) { steady } else { implicit });
@@ -204,6 +201,26 @@ impl Choice<'_> {
         // what is rough by both methods is the model, not its stability
         let rough = self.sensitivities_move(&explicit.steps)? <= 2.0 * self.sensitivities_move(&implicit.steps)?;
         Ok(if rough { explicit } else { implicit })
+    }
+
+    /// The best explicit steps, or the implicit ones that were found where these are better.
+    fn finest(&self, implicit: Option<Accuracy>) -> Result<Accuracy, Unsuited> {
+        let explicit = self.explicit(MOST_STEPS)?;
+        let explicit = self.steadied(&explicit)?.unwrap_or(explicit);
+        Ok(implicit.filter(|implicit| implicit.error < explicit.error).unwrap_or(explicit))
+    }
+
+    /// Implicit steps with the error that explicit ones show as well. An implicit step across a jump of the rates, and its halves, may settle
+    /// on one side of it and agree, far from the response; what two methods differ by, beyond what the other one may be wrong, is
+    /// an error of the one.
+    fn beside(&self, implicit: Accuracy, explicit: &Accuracy) -> Result<Accuracy, Unsuited> {
+        if self.dynamics.layout().kinks == 0 || explicit.error > UNSOUND {
+            return Ok(implicit);
+        }
+        let by = |steps: &Steps| response(self.dynamics, self.run, self.theta, steps);
+        let (Ok(a), Ok(b)) = (by(&implicit.steps)?, by(&explicit.steps)?) else { return Ok(implicit) };
+        let apart = difference(&a, &b, self.dynamics.layout().outputs);
+        Ok(Accuracy { error: implicit.error.max(apart - explicit.error), ..implicit })
     }
 
     /// The best explicit steps that are not more than `most`.
