@@ -179,3 +179,20 @@ def test_what_is_masked_was_not_measured(decay):
     assert np.array_equal(fdm.Run(t=t, outputs={"y": np.ma.array(y)})["y"], y)
     with pytest.raises(fdm.Error, match="some of which are masked"):
         fdm.Run(t=np.ma.array(np.arange(60).astype("datetime64[s]"), mask=bad), outputs={"y": y})
+
+
+def test_a_run_begins_where_it_is_said(decay):
+    t, k = np.arange(5.0, 12.0, 0.5), 0.3
+    y = np.exp(-k * t)
+    y[2] = np.nan
+    # x is 1 at 0, and the first sample comes at 5
+    early = decay.fit(fdm.Run({"t": t, "y": y}, begin=0.0))
+    assert early.params["k"].value == pytest.approx(k, rel=1e-6)
+    with pytest.raises(fdm.RunError, match="behind its first sample"):
+        decay.fit(fdm.Run({"t": t, "y": y}, begin=6.0))
+
+
+def test_a_beginning_that_a_clock_cannot_mean_is_refused(decay):
+    t = 1.7e9 + np.arange(0.0, 12.0, 0.5)
+    with pytest.raises(fdm.RunError, match="times its length"):
+        decay.fit(fdm.Run({"t": t, "y": np.exp(-0.3 * (t - t[0]))}, begin=0.0))

@@ -168,7 +168,10 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let delivered = prepared.deliver(made.outcome(runs, &frequencies, manifest));
     let whole = checkpoint.close();
     // told in any case
-    let in_time = progress.in_time();
+    let in_time = match good {
+        true => progress.in_time_or("the estimates have converged, but not all that comes after them is there"),
+        false => progress.in_time(),
+    };
     ended(in_time && good && delivered && whole)
 }
 

@@ -96,11 +96,11 @@ impl Halt {
         self.over.load(Ordering::Relaxed)
     }
 
-    /// Says so where the time limit has ended the work; says whether it has not.
-    pub(crate) fn in_time(&self) -> bool {
+    /// Says so where the time limit has ended the work, and what it means for the result; says whether it has not.
+    pub(crate) fn in_time_or(&self, result: &str) -> bool {
         let over = self.ran_out_of_time();
         if over {
-            remark(format_args!("stopped by --time-limit: the result is the best so far"));
+            remark(format_args!("stopped by --time-limit: {result}"));
         }
         !over
     }

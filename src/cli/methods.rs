@@ -3,7 +3,7 @@
 use crate::failure::Failure;
 use crate::load::number;
 use clap::{Args, ValueEnum};
-use fdm_estimate::{self as estimate, Noise, Options, SmoothBy};
+use fdm_estimate::{self as estimate, Noise, Options, SmoothBy, takes_option};
 
 /// What is minimised.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -18,6 +18,17 @@ pub(crate) enum Method {
     FrequencyResponse,
 }
 
+impl From<Method> for estimate::Method {
+    fn from(method: Method) -> Self {
+        match method {
+            Method::OutputError => Self::OutputError,
+            Method::FilterError => Self::FilterError,
+            Method::EquationError => Self::EquationError,
+            Method::FrequencyResponse => Self::FrequencyResponse,
+        }
+    }
+}
+
 /// Where model and records are compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Domain {
@@ -25,6 +36,15 @@ pub(crate) enum Domain {
     Time,
     /// Spectra of the records, at their frequency bins
     Frequency,
+}
+
+impl From<Domain> for estimate::Domain {
+    fn from(domain: Domain) -> Self {
+        match domain {
+            Domain::Time => Self::Time,
+            Domain::Frequency => Self::Frequency,
+        }
+    }
 }
 
 /// How the minimum is found.
@@ -179,39 +199,14 @@ const RUNS: [(Method, Domain); 6] = [
 const Y: bool = true;
 const N: bool = false;
 
-/// Which options have a part in which column of [`RUNS`]: output error in time and frequency, filter error, equation error in
-/// time and frequency, frequency responses. Optimizers are rows as well.
-const OPTIONS: [(&str, [bool; 6]); 36] = [
-    ("--optimizer gauss-newton", [Y, Y, Y, Y, Y, Y]),
-    ("--optimizer nelder-mead", [Y, Y, N, N, N, Y]),
-    ("--optimizer lbfgs", [Y, Y, N, N, N, Y]),
+/// Which options of the command alone have a part in which column of [`RUNS`]: output error in time and frequency, filter error, equation
+/// error in time and frequency, frequency responses. Of all others the library knows it ([`takes_option`]); optimizers are among these.
+const OPTIONS: [(&str, [bool; 6]); 11] = [
     ("--start-values", [Y, Y, Y, N, N, N]),
     ("--noise", [Y, Y, Y, N, N, N]),
-    ("--loss", [Y, N, N, N, N, N]),
-    ("--iterations", [Y, Y, Y, N, N, Y]),
-    ("--tolerance", [Y, Y, Y, N, N, Y]),
-    ("--gain", [Y, Y, N, N, N, Y]),
-    ("--smooth-by", [Y, Y, N, N, N, N]),
-    ("--starts", [Y, N, N, N, N, N]),
-    ("--continuation", [Y, N, N, N, N, N]),
-    ("--substitute", [Y, N, N, N, N, N]),
-    ("--shooting", [Y, N, N, N, N, N]),
-    ("--confidence", [Y, N, N, N, N, N]),
-    ("--weights", [Y, N, N, N, N, N]),
     ("--checkpoint", [Y, N, N, N, N, N]),
-    ("--steps", [Y, N, Y, N, N, N]),
-    ("--integration-accuracy", [Y, N, N, N, N, N]),
-    ("--integrator runge-kutta", [Y, N, Y, N, N, N]),
-    ("--integrator radau", [Y, N, N, N, N, N]),
-    ("--band", [N, Y, N, N, Y, Y]),
     ("--df", [N, Y, N, N, Y, Y]),
-    ("--end-points", [N, Y, N, N, N, N]),
-    ("--nonlinear", [N, Y, N, N, N, N]),
-    ("--input-noise", [N, Y, N, N, N, N]),
     ("--validation", [Y, Y, Y, N, N, Y]),
-    ("--segments", [N, N, N, N, N, Y]),
-    ("--pair", [N, N, N, N, N, Y]),
-    ("--coherence", [N, N, N, N, N, Y]),
     ("--intervals", [Y, Y, Y, N, N, Y]),
     ("--history", [Y, Y, Y, N, N, Y]),
     ("--watch", [Y, Y, Y, N, N, Y]),
@@ -240,9 +235,9 @@ impl Question {
 
     /// Whether an option has a part in this question.
     fn takes(self, option: &str) -> bool {
-        let column = RUNS.iter().position(|run| *run == (self.method, self.domain));
-        let row = OPTIONS.iter().find(|(name, _)| *name == option);
-        column.is_some_and(|k| row.is_none_or(|(_, runs)| runs[k]))
+        let Some(column) = RUNS.iter().position(|run| *run == (self.method, self.domain)) else { return false };
+        let own = OPTIONS.iter().find(|(name, _)| *name == option).map(|(_, runs)| runs[column]);
+        own.or_else(|| takes_option(option, self.method.into(), self.domain.into())).unwrap_or(true)
     }
 
     /// How much a user has to change to ask another question: the method counts more than the rest.
@@ -332,6 +327,11 @@ mod tests {
     const DOMAINS: [Domain; 2] = [Domain::Time, Domain::Frequency];
     const OPTIMIZERS: [Optimizer; 3] = [Optimizer::GaussNewton, Optimizer::NelderMead, Optimizer::Lbfgs];
 
+    /// Every option of the command.
+    fn options() -> impl Iterator<Item = &'static str> {
+        OPTIONS.iter().map(|(name, _)| *name).chain(fdm_estimate::option_names())
+    }
+
     fn questions() -> impl Iterator<Item = Question> {
         METHODS.into_iter().flat_map(|method| {
             DOMAINS.into_iter().flat_map(move |domain| {
@@ -344,7 +344,7 @@ mod tests {
     fn every_cell_runs_or_names_the_nearest_choice() {
         let (mut run, mut refused) = (0, 0);
         for question in questions() {
-            for option in OPTIONS.iter().map(|(name, _)| *name).filter(|name| !name.starts_with("--optimizer")) {
+            for option in options().filter(|name| !name.starts_with("--optimizer")) {
                 match &question.refusals(&[option])[..] {
                     [] => {
                         assert!(question.takes(option), "{question:?} {option}");
@@ -372,7 +372,7 @@ mod tests {
                 }
             }
         }
-        assert_eq!(run + refused, 24 * (OPTIONS.len() - 3));
+        assert_eq!(run + refused, 24 * (options().count() - 3));
         assert_eq!(Question::all().count(), 12);
     }
 

@@ -144,7 +144,12 @@ impl Progress {
 
     /// Says so where the time limit has ended the work; says whether it has not.
     pub(crate) fn in_time(&self) -> bool {
-        if self.silent { !self.halt.ran_out_of_time() } else { self.halt.in_time() }
+        self.in_time_or("the result is the best so far")
+    }
+
+    /// As [`Self::in_time`], with what there is to be said of the result.
+    pub(crate) fn in_time_or(&self, result: &str) -> bool {
+        if self.silent { !self.halt.ran_out_of_time() } else { self.halt.in_time_or(result) }
     }
 }
 

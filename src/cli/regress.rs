@@ -224,7 +224,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         document = document.with_dependence(cutoff, length);
     }
     let ending = deliver(&prepared, &model, &campaign, &options, (text, document.into()), determined)?;
-    if halt.in_time() { Ok(ending) } else { ended(false) }
+    if halt.in_time_or("the result is the best so far") { Ok(ending) } else { ended(false) }
 }
 
 /// `fdm fit --method equation-error`: all samples at once, in the time domain or at these frequencies.

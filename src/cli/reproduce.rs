@@ -16,8 +16,9 @@ use fdm_results::store::{Identity, read_input};
 use fdm_system::Model;
 use rayon::prelude::*;
 use serde::Serialize;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// What `fdm reproduce` takes.
 #[derive(Debug, Args)]
@@ -65,16 +66,24 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         return write_records(&experiments, folder, arguments.force);
     }
     let bar = counted(experiments.len(), "experiments");
-    let one = |experiment: &Experiment| {
+    let told = InOrder::default();
+    let one = |(k, experiment): (usize, &Experiment)| {
         let outcome = reproduce(experiment, arguments.thin);
+        let text = arguments
+            .is_told_at_once(experiments.len())
+            .then(|| outcome.as_ref().map_or_else(|_| String::new(), one_of_many));
+        bar.suspend(|| text.into_iter().for_each(|text| told.say(k, text)));
         bar.inc(1);
         bar.set_message(experiment.name.clone());
-        outcome
+        (k, outcome)
     };
-    let results: Vec<Result<Outcome, ExperimentError>> = experiments.par_iter().map(one).collect();
+    // begun in their order, so that what is told first is ready first
+    let mut results: Vec<(usize, Result<Outcome, ExperimentError>)> =
+        experiments.iter().enumerate().par_bridge().map(one).collect();
+    results.sort_by_key(|(k, _)| *k);
     bar.finish_and_clear();
     let (mut outcomes, mut wrong) = (Vec::new(), Vec::new());
-    for result in results {
+    for (_, result) in results {
         match result {
             Ok(outcome) => outcomes.push(outcome),
             Err(e) => wrong.push(e),
@@ -83,11 +92,46 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     if outcomes.is_empty() && !wrong.is_empty() {
         return Err(Failure::input(wrong));
     }
-    let printed = print(&arguments.text(&outcomes)?);
+    let printed = print(&arguments.text(&outcomes, experiments.len())?) && told.is_printed();
     if !wrong.is_empty() {
         return Err(Failure::input(wrong));
     }
     ended(printed && outcomes.iter().all(|o| o.passed))
+}
+
+/// A table, and a line behind it.
+fn one_of_many(outcome: &Outcome) -> String {
+    format!("{}\n", outcome_table(outcome))
+}
+
+/// Prints texts in their order, each as soon as those before it are there.
+#[derive(Default)]
+struct InOrder(Mutex<Waiting>);
+
+#[derive(Default)]
+struct Waiting {
+    next: usize,
+    texts: BTreeMap<usize, String>,
+    /// Whether something could not be printed.
+    lost: bool,
+}
+
+impl InOrder {
+    /// The text of the `k`-th, each once.
+    fn say(&self, k: usize, text: String) {
+        let mut waiting = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        waiting.texts.insert(k, text);
+        let mut next = waiting.next;
+        while let Some(text) = waiting.texts.remove(&next) {
+            waiting.lost |= !print(&text);
+            next += 1;
+        }
+        waiting.next = next;
+    }
+
+    fn is_printed(&self) -> bool {
+        !self.0.lock().unwrap_or_else(PoisonError::into_inner).lost
+    }
 }
 
 /// Models of experiments are named by their files.
@@ -116,20 +160,19 @@ impl Arguments {
         Ok(catalogue.experiments)
     }
 
-    fn text(&self, outcomes: &[Outcome]) -> Result<String, Failure> {
-        if self.json {
-            return as_json(&outcomes);
+    /// Whether the table of each of so many experiments is printed as soon as it is ready.
+    fn is_told_at_once(&self, experiments: usize) -> bool {
+        experiments > 1 && !self.json && !self.markdown
+    }
+
+    /// What is printed in the end, of so many experiments.
+    fn text(&self, outcomes: &[Outcome], experiments: usize) -> Result<String, Failure> {
+        match outcomes {
+            _ if self.json => as_json(&outcomes),
+            _ if self.markdown => Ok(outcomes_markdown(outcomes)),
+            [one] if experiments == 1 => Ok(outcome_table(one)),
+            _ => Ok(outcomes_table(outcomes)),
         }
-        if self.markdown {
-            return Ok(outcomes_markdown(outcomes));
-        }
-        let mut text: String = outcomes.iter().map(|o| format!("{}\n", outcome_table(o))).collect();
-        if outcomes.len() > 1 {
-            text.push_str(&outcomes_table(outcomes));
-        } else {
-            text.pop();
-        }
-        Ok(text)
     }
 }
 

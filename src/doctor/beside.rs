@@ -111,7 +111,10 @@ pub fn examine_beside_while(
     let lines = records.iter().flat_map(|r| aliasing::examine(r, &done.findings)).collect::<Vec<_>>();
     done.findings.extend(found.findings);
     done.findings.extend(evidence.kinematics.remarks(&clean, &names, &found.edits));
-    done.findings.extend(information::of(model, runs, records, &found.last));
+    if !lost {
+        // derivatives of a lost response tell nothing apart
+        done.findings.extend(information::of(model, runs, records, &found.last));
+    }
     done.findings.extend(lines);
     in_order(&mut done.findings);
     done

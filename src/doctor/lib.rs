@@ -8,6 +8,7 @@ mod aliasing;
 mod alone;
 mod beside;
 mod biases;
+mod far_delays;
 mod filtered;
 mod finding;
 mod first_cause;

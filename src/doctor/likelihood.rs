@@ -8,7 +8,7 @@ use crate::record::Record;
 use crate::spectrum::{Bands, interpolated};
 use fdm_estimate::{
     Changes, Continuation, DerivedQuantities, Estimate, FitOptions, Iteration, Observer, Options, Problem, ProblemRun,
-    Response, SharedSteps, Stop, Termination, estimate, fit, starts,
+    Response, SharedSteps, Stop, Termination, estimate, fit, is_lost_at_start, starts,
 };
 use fdm_system::Model;
 use fdm_system::record::Run;
@@ -123,7 +123,9 @@ impl Evidence<'_> {
     pub(crate) fn base(&self) -> Option<Trial> {
         /// Times the iterations of a fit that fallbacks may take together.
         const MOST: usize = 4;
-        let plain = self.trial(Begin::TEXT, &[], THOROUGH);
+        // a plain fit of a response that is lost settles anywhere
+        let lost_at_start = self.model.is_some_and(|model| is_lost_at_start(model, self.runs));
+        let plain = if lost_at_start { None } else { self.trial(Begin::TEXT, &[], THOROUGH) };
         let has = |trial: &Trial, ended: fn(&Termination) -> bool| {
             trial.estimate.as_ref().is_some_and(|e| ended(&e.termination))
         };

@@ -3,6 +3,7 @@
 
 use crate::beside::BesideOptions;
 use crate::biases::biases_of;
+use crate::far_delays::far_delays;
 use crate::finding::{Fault, Finding, Place, Severity};
 use crate::hypothesis::{Channels, Edit, Hypothesis, Slot, discrete, time_factor};
 use crate::likelihood::{Begin, Evidence, FASTEST, Searched, THOROUGH, Trial, search as search_number, variance};
@@ -327,11 +328,13 @@ fn round(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> (Vec<Judged
         Some(Judged { log_odds: trial.gain_over(current) + prior, hypothesis, prior, trial })
     };
     let mut all: Vec<Judged> = tried.into_par_iter().filter_map(judge).collect();
-    if search.options.estimated && (search.evidence.goes_on)() {
+    let far: Vec<(Slot, i64)> =
+        if search.timed { far_delays(search.evidence, &slots, accepted, current) } else { Vec::new() };
+    if (search.options.estimated || !far.is_empty()) && (search.evidence.goes_on)() {
         (search.say)(&format!("a fault beside {} edits: delays, filters, zeros, factors, clocks", number - 1));
-        let (found, tried) = estimated(search, &slots, accepted, current);
+        let (found, tried) = estimated(search, &slots, accepted, (current, &far));
         fits += tried;
-        let shifts = shifts_of_zero(search, accepted, current);
+        let shifts = if search.options.estimated { shifts_of_zero(search, accepted, current) } else { Vec::new() };
         fits += shifts.len();
         all.extend(found.into_iter().chain(shifts).map(|judged| Judged {
             log_odds: judged.log_odds - whole,
@@ -356,8 +359,13 @@ fn round(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> (Vec<Judged
     (all, fits)
 }
 
-/// Delays, offsets, scale factors and drifts of each channel, with their best values.
-fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current: &Trial) -> (Vec<Judged>, usize) {
+/// Delays, offsets, scale factors and drifts of each channel, with their best values; delays by many samples (`far`) alone where no others are wanted.
+fn estimated(
+    search_in: &Search<'_>,
+    slots: &[Slot],
+    accepted: &[Edit],
+    (current, far): (&Trial, &[(Slot, i64)]),
+) -> (Vec<Judged>, usize) {
     let evidence = search_in.evidence;
     let channels = evidence.channels;
     let (records, timed, factor) = (evidence.records, search_in.timed, time_factor(accepted));
@@ -384,6 +392,9 @@ fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current:
         }
         wanted.push((slot, Fault::Offset, 0.2 * deviation));
         wanted.push((slot, Fault::Scale, 0.1));
+    }
+    if !search_in.options.estimated {
+        wanted.retain(|(slot, fault, _)| *fault == Fault::Delay && far.iter().any(|(late, _)| late == slot));
     }
     let edit = |slot: Slot, fault: Fault, value: f64| match fault {
         Fault::Delay => Edit::Delay(slot, value),
@@ -415,9 +426,12 @@ fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current:
             let trial = search_in.trial(&beside(value), current)?;
             Some(Searched { value, error, trial })
         });
-        let both = found.into_iter().chain(of_kinematics.flatten());
+        let lag = far.iter().find(|(late, _)| fault == Fault::Delay && *late == slot);
+        let lag = lag.map(|(_, samples)| interval * *samples as f64);
+        let far = lag.and_then(|lag| search_in.delay_about((slot, lag), *step, accepted, current));
+        let all = found.into_iter().chain(of_kinematics.flatten()).chain(far);
         let of = |s: &Searched| gain(fault, &s.trial, current);
-        let Searched { value, error, trial } = both.max_by(|a, b| of(a).total_cmp(&of(b)))?;
+        let Searched { value, error, trial } = all.max_by(|a, b| of(a).total_cmp(&of(b)))?;
         // between samples a line stands for the motion: nothing is known more closely than the deviation of a place within an interval
         let error = if fault == Fault::Delay { error.max(interval / 12f64.sqrt()) } else { error };
         let penalty = 0.5 * trial.worth().max(1.0).ln();
@@ -644,6 +658,18 @@ impl Search<'_> {
             (Some(fit), Some(text)) => Some(if text.trial.cautious_gain_over(&fit.trial) > 0.0 { text } else { fit }),
             (fit, text) => fit.or(text),
         }
+    }
+
+    /// The best delay of a channel about one that is far from 0.
+    fn delay_about(&self, (slot, lag): (Slot, f64), step: f64, accepted: &[Edit], current: &Trial) -> Option<Searched> {
+        let at = |more: f64| {
+            let edits = with(accepted, &[Edit::Delay(slot, lag + more)]);
+            self.evidence.trial(Begin { model: None, steps: Some(current) }, &edits, THOROUGH)
+        };
+        let there = at(0.0)?;
+        let near = search_number(step, &there, 0.0, &at);
+        let on_the_spot = Searched { value: 0.0, error: step, trial: there };
+        near.or(Some(on_the_spot)).map(|found| Searched { value: lag + found.value, ..found })
     }
 
     /// A fit with a value of a number: from the estimates of a fit that is near, or from the text.

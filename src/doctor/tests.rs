@@ -431,6 +431,48 @@ fn two_late_outputs_are_named_as_such() {
 }
 
 #[test]
+fn an_output_that_is_late_by_half_a_swing_is_late_and_not_turned() {
+    let (model, clean) = driven(14);
+    let late = 30;
+    let mut run = clean.clone();
+    (0..N).for_each(|k| run.measured[2 * k + 1] = clean.measured[2 * k.saturating_sub(late) + 1]);
+    for estimated in [true, false] {
+        let records = vec![Record::of_run(model.definition(), &run, None)];
+        let options = BesideOptions { estimated, most: 1, ..BesideOptions::default() };
+        let found = examine_beside(&model, std::slice::from_ref(&run), &records, Vec::new(), &options).findings;
+        let first = found.iter().find(|f| f.severity == Severity::Finding).unwrap_or_else(|| panic!("{found:?}"));
+        let delay = first.repair.as_ref().map_or(0.0, |r| r.channels["v_m"].delay);
+        assert!(first.fault == Fault::Delay && (delay - late as f64 * DT).abs() < DT, "{estimated}: {first:?}");
+    }
+}
+
+#[test]
+fn beside_a_response_that_is_lost_the_search_ends_with_the_method_that_works() {
+    // an unstable plant that a controller holds in place: 130 e-folds over the record; with a delay it cannot be cut into segments
+    let text = "model p { input u; state x = free, v = free; param a = 9 [1/s^2], b = 1 [1/s^2], tau = 0.01 in [0, 0.1] [s]; der(x) = v; \
+                der(v) = a*x + b*delay(u, tau); output x_m = x, v_m = v; }";
+    let model = Model::from_text("p.fdm", text).unwrap_or_else(|e| panic!("{e:?}"));
+    let (mut x, mut v, mut noise) = (0.05_f64, 0.0_f64, Noise::new(77));
+    let (mut time, mut inputs, mut measured) = (Vec::new(), Vec::new(), Vec::new());
+    for k in 0..2000 {
+        let command = -30.0 * x - 8.0 * v + 0.5 * noise.next();
+        time.push(0.02 * f64::from(k));
+        inputs.push(command);
+        measured.extend([x + 0.001 * noise.next(), v + 0.002 * noise.next()]);
+        for _ in 0..25 {
+            v += 0.0008 * (11.0 * x + 1.3 * command);
+            x += 0.0008 * v;
+        }
+    }
+    let (held, input_gaps, stated, output_gaps) = (vec![true], vec![0], vec![true], vec![0, 0]);
+    let run = Run { name: "r".into(), time, inputs, held, measured, input_gaps, stated, output_gaps };
+    let record = Record::of_run(model.definition(), &run, None);
+    let found = examine_beside(&model, &[run], &[record], Vec::new(), &BesideOptions::default());
+    assert!(found.findings.iter().all(|f| f.severity == Severity::Remark), "{:?}", found.findings);
+    assert!(found.fits < 5 && found.notes.iter().any(|n| n.contains("--method filter-error")), "{found:?}");
+}
+
+#[test]
 fn a_model_that_lacks_a_lag_is_no_fault_of_its_record() {
     // the input passes an actuator and the output a second lag; neither stands in the model
     let text = "model m { input u; state s; param k = 1 [1/s], c = 0.4 [1/s]; der(s) = k*u - c*s; output y = s; }";

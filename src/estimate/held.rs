@@ -7,11 +7,9 @@
 
 use crate::estimate::Estimate;
 use crate::lost_unknowns::Pin;
-use crate::observer::{Observer, Stop, UnknownName};
+use crate::observer::{Observer, Quiet};
 use crate::problem::{Options, Problem, ProblemError};
 use crate::solve::{Solved, solve};
-use fdm_numeric::least_squares::Iteration;
-use std::ops::ControlFlow;
 
 /// Rounds in which what is left may turn out not to be determined either.
 const ROUNDS: usize = 3;
@@ -76,19 +74,4 @@ fn merged(mut held: Solved, before: &Solved) -> Solved {
     held.estimate.evaluations.0 += before.estimate.evaluations.0;
     held.estimate.evaluations.1 += before.estimate.evaluations.1;
     held
-}
-
-/// Estimations whose iterations are nobody's business, but can be stopped.
-struct Quiet<'o>(&'o mut dyn Observer);
-
-impl Observer for Quiet<'_> {
-    fn iteration(&mut self, _: &Iteration) -> ControlFlow<()> {
-        if self.0.stopped().is_some() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-    }
-
-    fn begin(&mut self, _: &dyn Fn() -> Vec<UnknownName>) {}
-
-    fn stopped(&mut self) -> Option<Stop> {
-        self.0.stopped()
-    }
 }

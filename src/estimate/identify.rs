@@ -1,13 +1,14 @@
 //! The one entry for every method and domain: output error in time or on spectra, filter error, equation error, frequency
 //! responses.
 
+use crate::combinations::ignored;
 use crate::equation_error::{self, Regression, RegressionError, RegressionOptions, regress};
 use crate::estimate::Estimate;
 use crate::filter_error::{FilterError, FilterFit, fit_filter};
 use crate::frequency_responses::{ResponseError, ResponseFit, fit_responses};
 use crate::method::{Domain, Method};
 use crate::observer::{CheckpointStore, Observer};
-use crate::output_error::error::{FitError, StrategyError};
+use crate::output_error::error::FitError;
 use crate::output_error::fit::Fit;
 use crate::output_error::options::FitOptions;
 use crate::output_error::single::changed;
@@ -96,8 +97,8 @@ pub fn identify(
     observer: &mut dyn Observer,
 ) -> Result<Identified, IdentifyError> {
     let FitOptions { method, domain, .. } = *options;
-    if !options.loss.is_squares() && (method, domain) != (Method::OutputError, Domain::Time) {
-        return Err(IdentifyError::Fit(FitError::Strategy(StrategyError::LossOfMethod { method, domain })));
+    if let Some(ignored) = ignored(options, method, domain) {
+        return Err(IdentifyError::Fit(FitError::Strategy(ignored)));
     }
     match (method, domain) {
         (Method::OutputError, Domain::Time) => {

@@ -167,6 +167,7 @@ mod tests {
             limits: 0..0,
             limits_by_param: 0..0,
             events: Vec::new(),
+            kinks: 0,
             observed: Vec::new(),
             affine: Default::default(),
             stage: Default::default(),

@@ -64,6 +64,11 @@ pub(crate) fn compare(
     found
 }
 
+/// The names of these inputs, of a fit that does not compare both ways.
+pub(crate) fn uncompared(model: &Model, runs: &[Run]) -> Vec<String> {
+    unknown(model, runs).into_iter().map(|k| model.definition().inputs[k].quantity.name.clone()).collect()
+}
+
 /// Declared inputs that move and of which nobody said how, in some run.
 fn unknown(model: &Model, runs: &[Run]) -> Vec<usize> {
     let inputs = &model.definition().inputs;

@@ -15,6 +15,7 @@ mod affine;
 mod beginnings;
 mod best_iterate;
 mod changes;
+mod combinations;
 mod degenerate;
 mod derived;
 mod doubted_initials;
@@ -59,6 +60,7 @@ pub use crate::residuals::autoregression::{AutoRegression, LevinsonDurbin};
 pub use beginnings::{fit_from_beginnings, initial_values};
 pub use best_iterate::{BestIterate, BestOptions, Criterion, best_iterate};
 pub use changes::{ChangeError, Changes};
+pub use combinations::{option_names, takes_option};
 pub use degenerate::Degeneracy;
 pub use derived::{DerivedName, DerivedQuantities};
 pub use estimate::{BiasCorrection, Estimate, ParameterEstimate, RunFit, Smoothing, Status, Symmetric};
@@ -88,6 +90,7 @@ pub use output_error::options::{Continuation, FitOptions, FrequencyOptions, Mult
 pub use output_error::single::{changed, starts};
 pub use problem::{Coefficients, KnownNoise, Options, Problem, ProblemError, ProblemRun, Response};
 pub use recovery::confidence::{LengthSensitivity, LengthSensitivity as Settling, by_confidence};
+pub use recovery::free_response::is_lost_at_start;
 pub use recovery::multi_start::StartSearch;
 pub use residual_vector::ResidualVector;
 

@@ -117,6 +117,19 @@ impl Observer for () {
     }
 }
 
+/// Estimations whose iterations are nobody's business, but can be stopped.
+pub(crate) struct Quiet<'o>(pub(crate) &'o mut dyn Observer);
+
+impl Observer for Quiet<'_> {
+    fn iteration(&mut self, _: &Iteration) -> ControlFlow<()> {
+        if self.0.stopped().is_some() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    }
+
+    fn stopped(&mut self) -> Option<Stop> {
+        self.0.stopped()
+    }
+}
+
 impl<F: FnMut(&Iteration) -> ControlFlow<()> + Send> Observer for F {
     fn iteration(&mut self, iteration: &Iteration) -> ControlFlow<()> {
         self(iteration)

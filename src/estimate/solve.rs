@@ -16,7 +16,7 @@ use crate::smoothness::{Chosen, SmoothTables, choose};
 use crate::termination::Termination;
 use crate::uncertainty::coloured::corrected;
 use crate::uncertainty::cramer_rao::conclude;
-use crate::uncertainty::curvature::{Curvature, Curved, curved};
+use crate::uncertainty::curvature::{Curvature, Curved, Neighbourhood};
 use crate::uncertainty::identifiability::Direction;
 use crate::uncertainty::parameters::Statistics;
 use crate::uncertainty::sandwich::corrected_known;
@@ -128,14 +128,6 @@ pub(crate) fn solve(
         steps = of_parameters(steps, &unknowns, step_options);
     }
     let conclusion = if end.is_ok() { conclude(&mut steps) } else { None };
-    let curved = match &conclusion {
-        Some(bound)
-            if options.colour && !bare && end.as_ref().is_ok_and(|e| e.is_good()) && observer.stopped().is_none() =>
-        {
-            curved(&mut steps, bound, |j| logarithms[j])
-        }
-        _ => Vec::new(),
-    };
     let possible = likelihood.admits(steps.weights.cost - steps.weights.beside);
     let conclusion = conclusion.filter(|_| possible);
     let end = end.map(|summary| if possible { Termination::of(summary, observer) } else { Termination::Impossible });
@@ -185,6 +177,17 @@ pub(crate) fn solve(
             corrected = Err(reason);
             Vec::new()
         }
+    };
+    let judged = options.colour && !bare && end.as_ref().is_ok_and(Termination::is_good);
+    let curved = match conclusion.as_ref().filter(|_| judged && observer.stopped().is_none()) {
+        Some(bound) => {
+            let evaluator = Evaluator::new(problem, &unknowns, likelihood.is_full());
+            let cost = LikelihoodCost { evaluator, unknowns: &unknowns, likelihood: &likelihood, priors: &priors };
+            let corrected = corrected.as_ref().ok();
+            let mut about = Neighbourhood { cost, values: &values, least: weights.cost, bound, corrected };
+            about.curved(|j| logarithms[j], observer)
+        }
+        None => Vec::new(),
     };
     // the values of an iteration that is not at a minimum are shown as they are
     let unbiased = corrected.as_ref().ok().and_then(|c| c.unbiased.as_ref());

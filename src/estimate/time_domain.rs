@@ -4,7 +4,7 @@
 use crate::changes::Changes;
 use crate::estimate::RunFit;
 use crate::few_samples::few_samples;
-use crate::interpolation::compare;
+use crate::interpolation::{compare, uncompared};
 use crate::method::{Domain, Method, SmoothBy};
 use crate::noise::Noise;
 use crate::observer::{CheckpointStore, Observer};
@@ -21,6 +21,7 @@ use crate::recovery::checkpoint::{CheckpointObserver, CheckpointWriter};
 use crate::recovery::completion::{completed, without_noise};
 use crate::recovery::confidence::{fit_shorter_records, refit_with_weights};
 use crate::recovery::fallback::attempt;
+use crate::recovery::interpolable::unless_interpolable;
 use crate::recovery::multi_start::{StartSearch, many_starts, unbounded};
 use crate::residuals::run_quality;
 use crate::stated_initials::doubted_initials;
@@ -68,6 +69,7 @@ pub fn fit_kept(
     let mut stages = CheckpointObserver::new(&mut budget, &ledger, name, states);
     let found = attempt(&model, runs, &start, &options, &mut stages)
         .and_then(|first| completed(&given, runs, (&start, reached.as_deref()), first, &options, &mut stages))
+        .and_then(|fit| unless_interpolable(fit, runs, &start, &options, &mut stages))
         .and_then(|fit| examined(fit, runs, &start, &options, &mut stages));
     ledger.flush();
     let mut found = found?;
@@ -203,8 +205,12 @@ pub fn examined(
         if fit.estimate.termination.is_good() && fit.shooting.as_ref().is_none_or(|s| s.polished) {
             fit.few_samples = few_samples(&fit, runs, &thetas);
             fit.doubted_initials = doubted_initials(&fit, runs, &thetas, options, observer)?;
-            if options.options.colour && fit.loss.is_squares() && fit.noise_of_samples.is_empty() {
-                fit.interpolations = compare(&fit, runs, &thetas, options, observer);
+            match fit.loss.is_squares() && fit.noise_of_samples.is_empty() {
+                true if options.options.colour => {
+                    fit.interpolations = compare(&fit, runs, &thetas, options, observer);
+                }
+                true => {}
+                false => fit.uncompared_inputs = uncompared(&fit.model, runs),
             }
         }
     }

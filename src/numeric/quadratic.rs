@@ -64,6 +64,9 @@ pub struct Inverse {
     pub condition: f64,
     /// Orthonormal basis of what is not determined, as combinations of the chosen unknowns.
     pub null: Vec<Vec<f64>>,
+    /// What is determined, each direction over its singular value (rank by chosen): the products of its columns are [`Self::values`]. Empty where products
+    /// were inverted.
+    pub along: Vec<f64>,
 }
 
 impl Inverse {
@@ -82,7 +85,7 @@ impl Inverse {
         let chosen: Vec<usize> = (0..size).filter(|j| inside[*j] && scale[*j] > 0.0).collect();
         let n = chosen.len();
         if n == 0 {
-            return (scale, Self { chosen, values: Vec::new(), condition: f64::INFINITY, null: Vec::new() });
+            return (scale, Self { chosen, condition: f64::INFINITY, ..Self::default() });
         }
         let entry = |a: usize, b: usize| {
             let (i, j) = (chosen[a], chosen[b]);
@@ -106,7 +109,7 @@ impl Inverse {
             }
         }
         let condition = if least > 0.0 { (largest / least).sqrt() } else { f64::INFINITY };
-        (scale, Self { chosen, values, condition, null })
+        (scale, Self { chosen, values, condition, null, along: Vec::new() })
     }
 
     /// By a factor, where many unknowns are all determined well: nothing is left to be decided by eigenvalues.
@@ -119,7 +122,7 @@ impl Inverse {
         let (mut values, size) = (Vec::new(), norm(&matrix, n));
         Cholesky::new(matrix, n)?.invert(&mut values);
         let condition = (size * norm(&values, n)).sqrt();
-        (condition < WELL).then(|| Self { chosen: chosen.to_vec(), values, condition, null: Vec::new() })
+        (condition < WELL).then(|| Self { chosen: chosen.to_vec(), values, condition, ..Self::default() })
     }
 }
 
@@ -505,7 +508,8 @@ impl Quadratic {
             rank += 1;
         }
         let values = multiply_to_symmetric(&across, &along, n);
-        Some(Inverse { chosen, values, condition, null })
+        along.truncate(rank * n);
+        Some(Inverse { chosen, values, condition, null, along })
     }
 
     fn invert_products(&mut self, chosen: Vec<usize>, mut values: Vec<f64>) -> Option<Inverse> {
@@ -520,6 +524,6 @@ impl Quadratic {
         self.factored.extend_from_slice(&chosen);
         self.factor.invert(&mut values);
         let condition = (size * norm(&values, n)).sqrt();
-        Some(Inverse { chosen, values, condition, null: Vec::new() })
+        Some(Inverse { chosen, values, condition, ..Inverse::default() })
     }
 }

@@ -11,6 +11,7 @@ mod format;
 mod gzip;
 #[cfg(feature = "hdf5")]
 mod hdf5;
+mod input;
 mod log;
 mod map;
 #[cfg(feature = "mat")]
@@ -34,6 +35,7 @@ mod zip;
 
 pub use format::{Format, open, open_from};
 pub use gzip::unzipped;
+pub use input::{InputError, open_input};
 pub use log::{Damage, Field, Log, ReadError, Topic};
 pub use map::{ChannelMap, ClockMap, FreeDelay, MapError, RecordMap, TimeMap, shipped};
 pub use take::{TakeError, Taken, TakenColumn, take, unwrap};

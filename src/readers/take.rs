@@ -30,6 +30,8 @@ pub struct TakenColumn {
     pub values: Vec<f64>,
     /// Whether a value holds until the next, or goes in straight lines; none where the map says neither.
     pub hold: Option<bool>,
+    /// At which of the times a sensor was sampled (N); empty for what has a value at every time.
+    pub sampled: Vec<bool>,
 }
 
 /// Why a map does not fit a log.
@@ -221,6 +223,7 @@ fn as_it_is(time: Option<Vec<f64>>, sampled: Vec<Sampled<'_>>, absent: Vec<Strin
         unit: s.unit.clone(),
         values: of(&s.values),
         hold: s.map.hold,
+        sampled: Vec::new(),
     });
     Taken { columns: columns.collect(), time: time.as_ref().map(|t| of(t)), absent, notes }
 }
@@ -304,8 +307,8 @@ fn on_base(
         let longest = map.time.longest_gap.unwrap_or_else(|| 10.0 * median(time).max(median(&base)));
         let mut values = vec![f64::NAN; base.len()];
         let mut gap: Option<(f64, f64)> = None;
-        let shown = if s.drives { vec![true; base.len()] } else { nearest(&base, time) };
-        for (k, t) in base.iter().enumerate().filter(|(k, _)| shown[*k]) {
+        let sampled = if s.drives { Vec::new() } else { nearest(&base, time) };
+        for (k, t) in base.iter().enumerate().filter(|(k, _)| s.drives || sampled[*k]) {
             let after = time.partition_point(|own| own <= t);
             let Some(left) = after.checked_sub(1) else { continue };
             let exact = time[left] == *t || after == time.len();
@@ -326,12 +329,17 @@ fn on_base(
                 s.name
             ));
         }
-        columns.push(TakenColumn { name: s.name.into(), unit: s.unit.clone(), values, hold: s.map.hold });
+        columns.push(TakenColumn { name: s.name.into(), unit: s.unit.clone(), values, hold: s.map.hold, sampled });
     }
-    let of =
-        |values: &[f64]| values.iter().zip(&kept).filter(|(_, kept)| **kept).map(|(v, _)| *v).collect::<Vec<f64>>();
-    columns.iter_mut().for_each(|c| c.values = of(&c.values));
-    Taken { time: Some(of(&base)), columns, absent, notes }
+    for c in &mut columns {
+        (c.values, c.sampled) = (chosen(&c.values, &kept), chosen(&c.sampled, &kept));
+    }
+    Taken { time: Some(chosen(&base, &kept)), columns, absent, notes }
+}
+
+/// What is kept of a column.
+fn chosen<T: Copy>(values: &[T], kept: &[bool]) -> Vec<T> {
+    values.iter().zip(kept).filter(|(_, kept)| **kept).map(|(v, _)| *v).collect()
 }
 
 /// At which of the times a sensor is shown: those nearest to its samples.

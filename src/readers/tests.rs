@@ -266,6 +266,9 @@ fn commands_keep_their_own_edges() {
     assert_eq!(*column("u"), [0.0, 0.0, 1.0, 1.0, 3.0, 3.0, 3.0, 3.0]);
     let shown: Vec<bool> = column("y").iter().map(|v| !v.is_nan()).collect();
     assert_eq!(shown, [true, true, false, true, false, true, true, true]);
+    // there nothing is missing
+    let sampled = |name: &str| &taken.columns.iter().find(|c| c.name == name).unwrap().sampled;
+    assert_eq!((sampled("y"), sampled("u").len()), (&shown, 0));
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use super::table::{aligned_right, plain, trimmed};
 use fdm_discover::{Cause, Diagnosis, FrontModel, OutputGain, Verdict};
-use fdm_results::documents::digits;
+use fdm_results::documents::{digits, fixed};
 use std::fmt::Write;
 
 /// Rows of the table of what would have been seen.
@@ -54,7 +54,8 @@ fn unexplained(d: &Diagnosis) -> String {
     for (output, r2) in OutputGain::unexplained(&d.outputs) {
         let _ = writeln!(
             text,
-            "The model as it was given explains nothing of {output} (R^2 {r2:.2}): look at its structure and its start values first."
+            "The model as it was given explains nothing of {output} (R^2 {}): look at its structure and its start values first.",
+            fixed(Some(r2), 2)
         );
     }
     text
@@ -198,7 +199,6 @@ fn matches(d: &Diagnosis) -> String {
     let mut table =
         plain(&["", "run", "output", "RMS before", "after", "noise", "TIC before", "after", "R^2 before", "after"]);
     let number = |v: Option<f64>| v.map_or("-".to_string(), |v| digits(v, 3));
-    let fixed = |v: Option<f64>| v.map_or("-".to_string(), |v| format!("{v:.4}"));
     for o in &d.outputs {
         let role = if o.validation { "validation" } else { "training" };
         table.add_row([
@@ -208,10 +208,10 @@ fn matches(d: &Diagnosis) -> String {
             number(o.rms_before),
             number(o.rms_after),
             digits(o.noise_level, 3),
-            fixed(o.tic_before),
-            fixed(o.tic_after),
-            fixed(o.r2_before),
-            fixed(o.r2_after),
+            fixed(o.tic_before, 4),
+            fixed(o.tic_after, 4),
+            fixed(o.r2_before, 4),
+            fixed(o.r2_after, 4),
         ]);
     }
     (3..10).for_each(|column| aligned_right(&mut table, column));

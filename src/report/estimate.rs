@@ -3,7 +3,9 @@
 use super::table::{aligned_right, plain, trimmed};
 use fdm_estimate::residuals::{OutputFit, OutputQuality, Whiteness};
 use fdm_estimate::{Estimate, Fit, Iteration, ParameterEstimate, Status};
-use fdm_results::documents::{Remark, digits, digits_by_error, estimate_remarks, fit_remarks, limit_within_bounds};
+use fdm_results::documents::{
+    Remark, digits, digits_by_error, estimate_remarks, fit_remarks, fixed, limit_within_bounds,
+};
 
 /// Standard errors beyond this part of the value are worth a mark.
 const UNCERTAIN: f64 = 0.2;
@@ -202,7 +204,6 @@ fn table(rows: &[(&OutputFit, Option<&Whiteness>)], tested: bool) -> String {
     header.push("compared");
     let mut table = plain(&header);
     let number = |v: Option<f64>, n: usize| v.map_or(String::from("-"), |v| digits(v, n));
-    let fixed = |v: Option<f64>, n: usize| v.map_or(String::from("-"), |v| format!("{v:.n$}"));
     for (o, whiteness) in rows {
         let mut row = vec![o.name.clone(), o.run.clone(), number(o.rms, 4), number(o.bias, 2)];
         row.extend([fixed(o.r2, 4), fixed(o.tic, 4)]);

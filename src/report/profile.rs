@@ -4,7 +4,7 @@ use super::table::{aligned_right, plain, trimmed};
 use crate::page::Paper;
 use crate::page::drawing::stacked;
 use crate::page::figure::{Figure, Look, Mark, Panel};
-use fdm_results::documents::profile::{End, Profile};
+use fdm_results::documents::profile::{AtBound, End, Profile};
 use fdm_results::documents::{digits, digits_by_error, digits_of_end};
 
 /// Remarks that are printed.
@@ -71,14 +71,10 @@ pub fn profile_table(profiles: &[Profile]) -> String {
     }
     let mut text = format!("{}\n\n{}", verdict(profiles).sentence, trimmed(&table));
     text.push_str("\nbelow, above: how far the interval by the cost reaches, over that by the error\n");
-    let said: Vec<String> = profiles
-        .iter()
-        .flat_map(|p| p.ends.iter().zip(["left", "right"]).map(|(end, side)| remark(p, *end, side)))
-        .filter(|said| !said.is_empty())
-        .collect();
+    let said: Vec<String> = profiles.iter().flat_map(remarks).collect();
     said.iter().take(REMARKS).for_each(|line| text.push_str(line));
     if said.len() > REMARKS {
-        text.push_str(&format!("{} more intervals without an end: --json has them\n", said.len() - REMARKS));
+        text.push_str(&format!("{} more lines about ends of intervals: --json has them\n", said.len() - REMARKS));
     }
     let rises = || profiles.iter().map(|p| p.factor * p.factor).filter(|rise| *rise > 1.1);
     if let (Some(least), Some(most)) = (rises().reduce(f64::min), rises().reduce(f64::max)) {
@@ -88,6 +84,28 @@ pub fn profile_table(profiles: &[Profile]) -> String {
         ));
     }
     text
+}
+
+/// What is to be said of both ends.
+pub(crate) fn remarks(p: &Profile) -> impl Iterator<Item = String> + '_ {
+    let ends = p.ends.iter().zip(["left", "right"]).map(|(end, side)| remark(p, *end, side));
+    let held =
+        p.held.iter().zip(["left", "right"]).zip(&p.ends).map(|((held, side), end)| held_there(p, held, (side, *end)));
+    ends.chain(held).filter(|said| !said.is_empty())
+}
+
+/// Others that have no way left where an interval ends.
+fn held_there(p: &Profile, held: &[AtBound], (side, end): (&str, End)) -> String {
+    let list: Vec<String> = held.iter().map(|h| format!("{} at its bound {}", h.name, digits(h.bound, 4))).collect();
+    match list.is_empty() {
+        true => String::new(),
+        false => format!(
+            "{}: about its end to the {side}, {}, the fit has {}\n",
+            p.name,
+            digits(end.value(), 4),
+            list.join(", ")
+        ),
+    }
 }
 
 /// An end of the interval by the cost.
@@ -102,7 +120,7 @@ pub(crate) fn told(p: &Profile, end: End) -> String {
     }
 }
 
-pub(crate) fn remark(p: &Profile, end: End, side: &str) -> String {
+fn remark(p: &Profile, end: End, side: &str) -> String {
     let (name, value) = (&p.name, digits(end.value(), 4));
     match end {
         End::At(_) => String::new(),
@@ -185,6 +203,7 @@ mod tests {
             rise: 1.92 * factor * factor,
             bound: false,
             ends,
+            held: Default::default(),
             by_error: [0.8, 1.2],
             points: Vec::new(),
             refits: 3,
@@ -195,6 +214,10 @@ mod tests {
         let far = profile("b", [End::At(0.8), End::At(1.6)], 1.0);
         let text = said(&[even.clone(), far.clone()]);
         assert!(text.starts_with("Every interval ends") && text.contains("Those of b differ"), "{text}");
+        let mut held = even.clone();
+        held.held[0] = vec![AtBound { name: "d".into(), bound: 0.0 }];
+        let text = profile_table(&[held]);
+        assert!(text.contains("a: about its end to the left, 0.8, the fit has d at its bound 0\n"), "{text}");
         let open = profile("c", [End::Open(-5.0), End::At(1.2)], 2.0);
         assert!(!verdict(&[even.clone(), open.clone()]).bounded);
         let text = profile_table(&[open, far, even]);

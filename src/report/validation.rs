@@ -3,7 +3,7 @@
 use super::table::{aligned_right, plain, trimmed};
 use fdm_discover::{LackOfFit, Window};
 use fdm_estimate::residuals::{Baseline, OutputQuality, TicParts, Whiteness};
-use fdm_results::documents::{BandCoverage, OutputDocument, digits};
+use fdm_results::documents::{BandCoverage, OutputDocument, digits, fixed};
 
 /// One row for each output of each run: those that are validated first, then those of the fit. `fitted` is what the
 /// fit said about its runs.
@@ -101,9 +101,6 @@ fn explained(part: f64) -> String {
 }
 
 fn cells(row: &Row<'_>) -> Vec<String> {
-    let fixed = |value: Option<f64>, n: usize| {
-        value.filter(|v| v.is_finite()).map_or(String::from("-"), |v| format!("{v:.n$}"))
-    };
     let rms = row.rms.filter(|v| v.is_finite()).map_or(String::from("-"), |v| digits(v, 4));
     let part = |of: fn(TicParts) -> f64| fixed(row.parts.map(of), 2);
     vec![

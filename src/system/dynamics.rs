@@ -80,15 +80,15 @@ pub trait Dynamics: Send + Sync {
     /// The entries of f_u and h_u (`layout.input_slots()`).
     fn by_input(&self, at: Point<'_>, out: &mut [f64], work: &mut Workspace);
 
-    /// Guards of all events, which pass zero upwards when they happen, then the values that they set (`layout.event_rows()`).
-    /// A model without events has none.
+    /// Guards of all events, which pass zero upwards when they happen, then the values that they set; of a model without events the
+    /// switching functions of its rates (`layout.event_rows()`).
     fn events(&self, _at: Point<'_>, _out: &mut [f64], _work: &mut Workspace) {}
 
     /// Guards of all events and the values that they set, then the entries of their partials by states, inputs,
     /// parameters and time (`layout.event_slots()`).
     fn events_and_partials(&self, _at: Point<'_>, _out: &mut [f64], _work: &mut Workspace) {}
 
-    /// Where the model has events or hard limits, f_t (n). Structural zeros are not written: `out` must hold zeros there.
+    /// Where the model has events, hard limits or kinks, f_t (n). Structural zeros are not written: `out` must hold zeros there.
     fn rates_by_time(&self, _at: Point<'_>, _out: &mut [f64], _work: &mut Workspace) {}
 
     /// Loads the foreign code that programs call, and tries it.

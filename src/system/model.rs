@@ -6,13 +6,12 @@
 
 use crate::code::Engine;
 use crate::dynamics::{Dynamics, Layout};
-use crate::record::{ReadOptions, RecordError, Run, RunBuilder, Summary, channels, is_named_pipe, read as read_record};
+use crate::record::{ReadOptions, RecordError, Run, RunBuilder, Summary, channels, read as read_record};
 use fdm_grammar::carried::{Carried, CarriedTerm, NotCarried};
 use fdm_grammar::diagnostic::nearest;
 use fdm_grammar::effect::Extension;
 use fdm_grammar::model::{Param, Unshown};
 use fdm_grammar::{Code, Compiled, Diagnostic, Groups, Schedule, Source, Span};
-use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -85,7 +84,7 @@ impl Model {
     /// Reads and compiles a `.fdm` file and the files that it uses.
     ///
     /// # Errors
-    /// [`ModelError::Unreadable`] when there is no such file, it is a directory or larger than 64 MiB;
+    /// [`ModelError::Unreadable`] when there is no such file, it is a directory, a device or larger than 64 MiB;
     /// [`ModelError::Invalid`] with all mistakes when it is not UTF-8 text or not a model.
     pub fn from_file(path: impl AsRef<Path>) -> Result<Self, ModelError> {
         let whole = read_source(path.as_ref())?;
@@ -168,7 +167,8 @@ impl Model {
                 lines(&source, &diagnostics)
             ),
         };
-        let dynamics = build(compiled.schedule.layout.clone()).into();
+        // its steps are not cut at kinks: the functions that these are found by are not generated
+        let dynamics = build(Layout { kinks: 0, ..compiled.schedule.layout.clone() }).into();
         Self { source, compiled: Arc::new(compiled), dynamics }
     }
 
@@ -448,15 +448,7 @@ fn reason(error: &std::io::Error) -> String {
 
 fn read(path: &Path, most: u64) -> std::io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
-    if is_named_pipe(path) {
-        return Err(std::io::Error::other("is a named pipe, from which reading may wait for ever, not a file"));
-    }
-    let file = File::open(path)?;
-    // opening a directory succeeds on some systems, and what reading it says is about the system
-    if file.metadata()?.is_dir() {
-        return Err(std::io::Error::other("is a directory, not a file"));
-    }
-    file.take(most + 1).read_to_end(&mut bytes)?;
+    fdm_readers::open_input(path)?.take(most + 1).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > most {
         return Err(std::io::Error::other(format!("is larger than the limit of {} MiB", most >> 20)));
     }
@@ -536,7 +528,7 @@ mod tests {
     fn files_beyond_the_limit_are_refused_before_they_are_read_whole() {
         let folder = tempfile::tempdir().expect("folder");
         let path = folder.path().join("large.fdm");
-        File::create(&path).and_then(|f| f.set_len(1 << 40)).expect("sparse file");
+        std::fs::File::create(&path).and_then(|f| f.set_len(1 << 40)).expect("sparse file");
         let said = Model::from_file(&path).expect_err("too large").to_string();
         assert!(said.contains("limit of 64 MiB"), "{said}");
     }

@@ -12,6 +12,7 @@
 mod archive;
 mod description;
 mod differences;
+mod folders;
 mod functions;
 mod instance;
 mod text;

@@ -3,12 +3,13 @@
 use crate::archive::Files;
 use crate::description::{Description, Variable};
 use crate::differences::Stencil;
+use crate::folders::unpacked;
 use crate::functions::Functions;
 use crate::instance::{Instance, Trouble};
 use fdm_grammar::external::External;
 use std::cell::RefCell;
 use std::collections::HashMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, OnceLock, PoisonError};
 
@@ -539,40 +540,4 @@ impl External for Unit {
             Err(reason) => Some(format!("the unit `{}`: {reason}", self.name)),
         })
     }
-}
-
-/// Folders of units of this process, which are removed when it ends.
-static FOLDERS: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
-
-/// Writes the files of a unit to a folder of its own.
-fn unpacked(files: &Files) -> std::io::Result<PathBuf> {
-    let folder = tempfile::Builder::new().prefix("fdm-unit-").tempdir()?.keep();
-    let mut folders = FOLDERS.lock().unwrap_or_else(PoisonError::into_inner);
-    if folders.is_empty() {
-        at_the_end();
-    }
-    folders.push(folder.clone());
-    std::fs::create_dir_all(folder.join("resources"))?;
-    for (name, bytes) in files {
-        let path = folder.join(name);
-        if let Some(parent) = path.parent() {
-            std::fs::create_dir_all(parent)?;
-        }
-        std::fs::write(path, bytes)?;
-    }
-    Ok(folder)
-}
-
-/// Statics are never dropped, so the end of the process has to be asked for.
-#[allow(unsafe_code, reason = "the C library is told what to do in the end")]
-fn at_the_end() {
-    unsafe extern "C" {
-        fn atexit(act: extern "C" fn()) -> std::ffi::c_int;
-    }
-    extern "C" fn remove() {
-        let folders = FOLDERS.lock().unwrap_or_else(PoisonError::into_inner);
-        folders.iter().for_each(|folder| drop(std::fs::remove_dir_all(folder)));
-    }
-    // SAFETY: the function touches nothing but a static of its own
-    unsafe { atexit(remove) };
 }

@@ -7,6 +7,7 @@ A fit warns where a remark says that intervals may hold less often (`intervals`,
 """
 
 import argparse
+import collections
 import csv
 import os
 import sys
@@ -32,7 +33,7 @@ from plants import PLANTS, Plant, steps  # noqa: E402
 
 WARNINGS = ("intervals", "short", "undetermined", "bound")
 # as in the headline of the page and the table
-QUIET = ("table", "iteration", "untested", "bridged", "short")
+QUIET = ("table", "iteration", "untested", "bridged", "short", "regressors")
 
 
 def degenerate():
@@ -111,7 +112,9 @@ def make(key, number):
     for o, name in enumerate(plant.names):
         size = plant.noise * np.std(clean[:, o])
         columns[name] = clean[:, o] + size * NOISES[noise](random, len(clean), plant)
-    options = ["--domain", domain, *plant.options.get(domain, [])]
+    # the truth is straight between samples, although commands step there
+    straight = [word for name in plant.inputs for word in ("--linear", name)]
+    options = ["--domain", domain, *straight, *plant.options.get(domain, [])]
     return plant.text, [table(plant.time, columns)], options, plant.truth
 
 
@@ -127,6 +130,8 @@ def judged(fits, truth):
     pairs = [(n, p["interval"]) for f in good for n, p in f["parameters"].items() if p["interval"]]
     hits = {n: np.mean([i[0] <= truth[n] <= i[1] for name, i in pairs if name == n]) for n in truth if any(name == n for name, _ in pairs)}
     said = [{about for about, _ in f["remarks"]} for f in good]
+    # what raised the headline, and in how many fits
+    raised = collections.Counter(about for s in said for about in s - set(QUIET))
     return {
         "converged": len(good),
         "covers": 100 * np.mean(list(hits.values())) if hits else np.nan,
@@ -135,25 +140,26 @@ def judged(fits, truth):
         "coloured": 100 * np.mean(["colour" in s for s in said]) if good else np.nan,
         "correlated": 100 * np.mean(["correlated" in s for s in said]) if good else np.nan,
         "headline": 100 * np.mean([bool(s - set(QUIET)) for s in said]) if good else np.nan,
+        "raised": " ".join(f"{about}:{count}" for about, count in raised.most_common()),
     }
 
 
 def main():
     rows, kinds = [], ["converged", "covers", "worst", "warned", "coloured", "correlated", "headline"]
-    print("| system | domain | noise | " + " | ".join(kinds) + " | right or said |")
-    print("|---|---|---|" + "---|" * (len(kinds) + 1))
+    print("| system | domain | noise | " + " | ".join(kinds) + " | right or said | raised by |")
+    print("|---|---|---|" + "---|" * (len(kinds) + 2))
     for key in cells():
         if not all(any(word in part for part in key) for word in ASKED.only):
             continue
         row = judged(cell("right", list(key), make, ASKED.repeats), ALL[key[0]].truth)
         right = 92.0 <= row["covers"] <= 97.5 or row["warned"] >= 95.0
-        print("| " + " | ".join(key) + " | " + " | ".join(f"{row[k]:.1f}" for k in kinds) + f" | {'yes' if right else 'NO'} |", flush=True)
-        rows.append([*key, *(f"{row[k]:.1f}" for k in kinds), right])
+        print("| " + " | ".join(key) + " | " + " | ".join(f"{row[k]:.1f}" for k in kinds) + f" | {'yes' if right else 'NO'} | {row['raised']} |", flush=True)
+        rows.append([*key, *(f"{row[k]:.1f}" for k in kinds), right, row["raised"]])
     clean = [float(r[3 + kinds.index("headline")]) for r in rows if r[2] == "white"]
-    print(f"{sum(r[-1] for r in rows)} of {len(rows)} cells right or said; headline on {np.mean(clean):.1f} % of clean fits")
+    print(f"{sum(r[-2] for r in rows)} of {len(rows)} cells right or said; headline on {np.mean(clean):.1f} % of clean fits")
     if ASKED.out:
         with open(ASKED.out, "w", newline="") as out:
-            csv.writer(out).writerows([["system", "domain", "noise", *kinds, "right"], *rows])
+            csv.writer(out).writerows([["system", "domain", "noise", *kinds, "right", "raised_by"], *rows])
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
-"""True integration error against the claimed one: random models with limits, events and kinks, by another integrator.
+"""True integration error against the claimed one: random models with limits, events, kinks, knots, jumps and none, by another integrator.
 
-python3 studies/right/steps.py PROGRAM [COUNT_OF_EACH_KIND] [OUT.csv]
+python3 studies/right/steps.py PROGRAM [COUNT_OF_EACH_KIND] [OUT.csv] [FIRST_SEED]
 
 Each model is written as text, simulated by `PROGRAM simulate`, and integrated by DOP853 at 1e-12, begun anew at every sample and at every
 instant where a limit is met or left, an event happens, or a branch changes. Printed: by kind, how many true errors are at most the claimed
@@ -89,30 +89,56 @@ def event_model(rng):
 
 
 def kink_model(rng):
-    c, b, k = rng.uniform(0.1, 0.4), rng.uniform(0.3, 2), rng.uniform(1, 4)
-    shape = rng.choice(["clip", "max", "abs", "if"])
-    text_of = {"clip": f"clip(d, -{c!r}, {c!r})", "max": f"max(d, {c!r})", "abs": f"abs(d - {c!r})",
-               "if": f"(if d > {c!r} then 2*d - {c!r} else d)"}
-    value = {"clip": lambda d: min(max(d, -c), c), "max": lambda d: max(d, c), "abs": lambda d: abs(d - c),
-             "if": lambda d: 2 * d - c if d > c else d}[shape]
-    text = (f"model m {{ input u; state d = 0, z = 0; der(d) = {k!r}*u - {b!r}*d - 0.5*z; der(z) = {text_of[shape]} - z; "
-            f"output y = d; output w = z; }}")
+    return shaped(rng, rng.uniform(0.1, 0.4), ["clip", "max", "abs", "if"])
+
+
+def table_model(rng):
+    return shaped(rng, rng.uniform(0.1, 0.4), ["table"])
+
+
+def jump_model(rng):
+    return shaped(rng, rng.uniform(0.1, 0.4), ["jump"])
+
+
+def smooth_model(rng):
+    return shaped(rng, rng.uniform(0.1, 0.4), ["tanh"])
+
+
+def shaped(rng, c, shapes):
+    """A servo whose second state sees the first through one of the shapes: smooth branches between levels, lowest first."""
+    b, k = rng.uniform(0.3, 2), rng.uniform(1, 4)
+    shape = rng.choice(shapes)
+    line = lambda x0, y0, x1, y1: lambda d: y0 + (y1 - y0) * (d - x0) / (x1 - x0)
+    knots = [(-2 * c, -1), (-c, -0.5), (c, 0.1), (3 * c, 0.9)]
+    between = [line(*a, *b) for a, b in zip(knots[:-1], knots[1:])]
+    text_of, levels, branches = {
+        "clip": (f"clip(d, -{c!r}, {c!r})", [-c, c], [lambda d: -c, lambda d: d, lambda d: c]),
+        "max": (f"max(d, {c!r})", [c], [lambda d: c, lambda d: d]),
+        "abs": (f"abs(d - {c!r})", [c], [lambda d: c - d, lambda d: d - c]),
+        "if": (f"(if d > {c!r} then 2*d - {c!r} else d)", [c], [lambda d: d, lambda d: 2 * d - c]),
+        "table": ("g(d)", [x for x, _ in knots], [lambda d: -1, *between, lambda d: 0.9]),
+        "jump": (f"(if d > {c!r} then 1 else -0.5)", [c], [lambda d: -0.5, lambda d: 1]),
+        "tanh": (f"tanh(d/{c!r})", [], [lambda d: np.tanh(d / c)]),
+    }[shape]
+    table = "table g(a) = linear { " + ", ".join(f"{x!r}: {y!r}" for x, y in knots) + " }; "
+    text = (f"model m {{ input u; {table if shape == 'table' else ''}state d = 0, z = 0; "
+            f"der(d) = {k!r}*u - {b!r}*d - 0.5*z; der(z) = {text_of} - z; output y = d; output w = z; }}")
 
     def step(u):
         def run(t, t1, x):
-            for _ in range(60):
-                cross = [lambda t, x: x[0] - c] + ([lambda t, x: x[0] + c] if shape == "clip" else [])
-                f = lambda t, x: [k * u(t) - b * x[0] - 0.5 * x[1], value(x[0]) - x[1]]
-                start = x
-                t, x, which = pieces(f, cross, t, t1, x)
+            branch = int(np.searchsorted(levels, x[0]))
+            while t1 - t > 1e-14:
+                ways = []
+                for way, level in ((1, levels[branch:branch + 1]), (-1, levels[max(branch - 1, 0):branch])):
+                    for at in level:
+                        leaves = lambda t, x, at=at: x[0] - at
+                        leaves.direction = way
+                        ways.append((way, leaves))
+                f = lambda t, x: [k * u(t) - b * x[0] - 0.5 * x[1], branches[branch](x[0]) - x[1]]
+                t, x, which = pieces(f, [leaves for _, leaves in ways], t, t1, x)
                 if which is None:
                     break
-                # a short way past the kink, where the next search begins
-                if t1 - t > 1e-11:
-                    x = x + 1e-11 * np.array(f(t, x))
-                    t += 1e-11
-                if np.array_equal(start, x):
-                    break
+                branch += ways[which][0]
             return x
 
         return run
@@ -120,7 +146,8 @@ def kink_model(rng):
     return text, [0.0, 0.0], step, lambda x: x
 
 
-KINDS = {"limits": limit_model, "events": event_model, "kinks": kink_model}
+KINDS = {"limits": limit_model, "events": event_model, "kinks": kink_model, "knots": table_model, "jumps": jump_model,
+         "smooth": smooth_model}
 
 
 def record(rng):
@@ -155,15 +182,18 @@ def one(program, folder, kind, seed):
 def main():
     program = str(pathlib.Path(sys.argv[1]).resolve())
     count = int(sys.argv[2]) if len(sys.argv) > 2 else 100
+    first = int(sys.argv[4]) if len(sys.argv) > 4 else 0
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for kind in KINDS:
-            found = [one(program, pathlib.Path(folder), kind, seed) for seed in range(count)]
-            rows += [(kind, seed, *row) for seed, row in enumerate(found)]
+            found = [one(program, pathlib.Path(folder), kind, first + seed) for seed in range(count)]
+            rows += [(kind, first + seed, *row) for seed, row in enumerate(found)]
+            steps = sum(row[2] for row in found) / count
             bounded = sum(true <= max(claimed, 1e-8) for true, claimed, *_ in found)
             wrong = sum(true > 1e-3 for true, *_ in found)
             worst = max(true for true, *_ in found)
-            print(f"{kind}: {bounded} of {count} bounded by the claim or 1e-8, {wrong} above 1e-3, largest true error {worst:.1e}")
+            print(f"{kind}: {bounded} of {count} bounded by the claim or 1e-8, {wrong} above 1e-3, largest true error {worst:.1e}, "
+                  f"{steps:.0f} steps in the mean")
     if len(sys.argv) > 3:
         with open(sys.argv[3], "w", newline="") as file:
             writer = csv.writer(file)

@@ -56,6 +56,11 @@ fn a_dose_before_the_first_sample_is_at_the_beginning_that_is_said() {
         let (other, _) = json(&desk, words);
         assert_eq!(other["parameters"], found["parameters"], "{words}");
     }
+    // and a project file
+    desk.write("fdm.toml", "[options]\nbegin = 0\n");
+    let (other, _) = json(&desk, "fit m.fdm --data r.csv --json");
+    assert_eq!(other["parameters"], found["parameters"]);
+    std::fs::remove_file(desk.path("fdm.toml")).unwrap();
     // the response has the row of the beginning
     let simulated = desk.good("simulate m.fdm --data r.csv --begin 0");
     assert_eq!(simulated.lines().count(), 16, "{simulated}");
@@ -95,6 +100,36 @@ fn a_beginning_behind_the_first_sample_is_refused_with_the_way_to_cut() {
     is_right(&found);
 }
 
+#[test]
+fn rows_that_are_left_out_or_empty_leave_the_beginning_where_it_is() {
+    let desk = oral();
+    let rows = std::fs::read_to_string(desk.path("r.csv")).unwrap();
+    // every second row, the first of which is not the dose's either
+    let (found, _) = json(&desk, "fit m.fdm --data r.csv --begin 0 --every 2 --json");
+    assert_eq!(found["outputs"][0]["compared"].as_u64(), Some(7));
+    is_right(&found);
+    // no value in the first sample and in one more
+    let emptied = |line: &str| match line.split_once(',') {
+        Some((t @ ("0.5" | "3"), _)) => format!("{t},"),
+        _ => line.to_string(),
+    };
+    desk.write("gaps.csv", rows.lines().map(emptied).collect::<Vec<String>>().join("\n") + "\n");
+    let (found, said) = json(&desk, "fit m.fdm --data gaps.csv --begin 0 --json");
+    assert_eq!(found["outputs"][0]["compared"].as_u64(), Some(12));
+    assert!(said.contains("missing values: 2 of `conc`"), "the beginning is no missing value: {said}");
+    is_right(&found);
+}
+
+#[test]
+fn a_beginning_that_a_clock_cannot_mean_is_refused() {
+    let desk = oral();
+    let said = desk.refused("fit m.fdm --data late.csv --begin 0");
+    assert!(said.contains("times the length of the record") && said.contains("--begin 86400.5"), "{said}");
+    // the record's own length in front of it is no question
+    let (found, _) = json(&desk, "simulate m.fdm --data late.csv --begin 86390 --json");
+    assert!(found.is_object());
+}
+
 /// A small boat, surge only: quadratic drag.
 const BOAT: &str = "model surge { input thrust [N]; state u [m/s] = START; const m = 50 [kg];
     param d1 = 8 [kg/s], d2 = 10 [kg/m]; der(u) = (thrust - d1*u - d2*u*abs(u))/m; output speed [m/s] = u; }";
@@ -132,6 +167,7 @@ fn a_record_that_begins_under_way_is_the_first_remark() {
     assert_eq!(remark["about"], "initial", "{remark}");
     let said = remark["sentence"].as_str().unwrap();
     assert!(said.contains("`u` at 1.7") && said.contains("the text says 0") && said.contains("u = free"), "{said}");
+    assert!(!said.contains("--begin"), "the record begins at 0: {said}");
     let first = &doubted["values"][0];
     let (value, error) = (first["found"].as_f64().unwrap(), first["error"].as_f64().unwrap());
     assert!((value - 1.7).abs() < 4.0 * error && error < 0.05, "{first}");

@@ -49,6 +49,18 @@ fn a_project_file_forces_nothing_and_writes_in_its_folder_only() {
     desk.good(&format!("{fit} --report {}", elsewhere.path("typed.html").display()));
 }
 
+#[cfg(unix)]
+#[test]
+fn devices_are_refused_before_they_are_read() {
+    let desk = desk();
+    for words in ["check /dev/zero", "fit /dev/zero --data run.csv", "fit gain.fdm --data /dev/zero"] {
+        let begun = std::time::Instant::now();
+        let said = desk.refused(words);
+        assert!(said.contains("device") || said.contains("neither a file nor a pipe"), "{words}: {said}");
+        assert!(begun.elapsed().as_secs() < 5, "{words}");
+    }
+}
+
 #[test]
 fn a_job_forces_nothing_and_writes_in_its_folder_only() {
     let desk = desk();

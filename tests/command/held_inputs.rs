@@ -174,3 +174,41 @@ fn a_hold_is_said_of_inputs_once_and_shown() {
     assert!(refused("fit slope.fdm --data held.csv").contains("takes its derivative"));
     assert!(printed(&desk.fdm("show said.fdm")).contains("input, held"));
 }
+
+/// A command of the instants `k STEP` that arrives 0.03 s late at a lag, and an output that was sampled 0.02 s before each; its stamps say otherwise.
+fn of_another_clock(seed: u64) -> String {
+    let (late, early, tau) = (0.03, 0.02, 0.4);
+    let mut noise = Noise(seed);
+    let levels: Vec<f64> = (0..200).map(|_| noise.next()).collect();
+    let command = |k: usize| levels[k / 4];
+    let mut text = String::from("t [s],u,y\n");
+    // the command has arrived at `k STEP + late`: from the sample of row k on to there x goes on, and from there to the sample of row k + 1
+    let (mut x, past) = (0.0, |k: usize| if k == 0 { 0.0 } else { command(k - 1) });
+    for k in 0..800 {
+        text += &format!("{},{:.6},{:.6}\n", STEP * k as f64, command(k), x + 0.01 * noise.next());
+        let towards = |x: f64, goal: f64, time: f64| goal + (x - goal) * f64::exp(-time / tau);
+        x = towards(x, 2.0 * past(k), early + late);
+        x = towards(x, 2.0 * command(k), STEP - early - late);
+    }
+    text
+}
+
+#[test]
+fn commands_of_another_clock_keep_their_edges_in_both_domains() {
+    let desk = Desk::with([(
+        "late.fdm",
+        "model late { input u; state x = free; param T = 1 in [0.01, 20] [s], k = 1, late = 0.01 in [0, 0.5] [s]; \
+         der(x) = (k*delay(u, late) - x)/T; output y = x; }\n",
+    )]);
+    desk.write("run.csv", of_another_clock(9));
+    desk.write("map.toml", "[channel.u]\nfrom = \"u\"\nhold = true\n[channel.y]\nfrom = \"y\"\ndelay = 0.02\n");
+    for domain in ["", " --domain frequency --band 0.05:3"] {
+        let (table, said) = fitted(&desk, &format!("late.fdm --data run.csv --map-file map.toml{domain}"));
+        for (name, truth, most) in [("T", 0.4, 0.02), ("k", 2.0, 0.04), ("late", 0.03, 0.004)] {
+            let off = value(&table, name) - truth;
+            assert!(off.abs() < most, "{name} is {off} off{domain}:\n{table}");
+        }
+        // nothing is missing where a command changes
+        assert!(said.contains("commands change at") && !said.contains("missing values"), "{said}");
+    }
+}

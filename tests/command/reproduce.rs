@@ -112,3 +112,27 @@ fn what_does_not_come_out_is_printed_and_is_the_exit_code() {
     assert_eq!(broken.status.code(), Some(2));
     assert!(said(&broken).contains("line 1"), "{}", said(&broken));
 }
+
+#[test]
+fn tables_of_several_systems_come_in_their_order_and_the_summary_last() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, rate, duration) in [("a_slow", 0.5, 400), ("b_quick", 0.3, 5), ("c_quick", 0.2, 5)] {
+        let own = folder.path().join("models").join(name);
+        std::fs::create_dir_all(&own).unwrap();
+        let model = format!("model m {{ state x = 1; param k = {rate}; der(x) = -k*x; output y = x; }}");
+        std::fs::write(own.join("m.fdm"), model).unwrap();
+        let text = format!(
+            "title = 'decay'\nsource = 'ours'\n[[record]]\nname = 'a run'\ntruth = 'm.fdm'\ndt = 0.1\nduration = {duration}\nnoise.y = 0.01\n\
+             [[step]]\nname = 'k'\nmodel = 'm.fdm'\nexpected.k = {{ value = {rate} }}\n"
+        );
+        std::fs::write(own.join("experiment.toml"), text).unwrap();
+    }
+    let all = fdm(folder.path(), &["reproduce", "all", "--models", "models"]);
+    let table = printed(&all);
+    let places = ["a_slow: decay", "b_quick: decay", "c_quick: decay", "as expected"].map(|what| table.rfind(what));
+    assert!(places.iter().all(Option::is_some) && places.is_sorted(), "{places:?}\n{table}");
+    let summary = table.rsplit("\n\n").next().unwrap();
+    assert!(["a_slow", "b_quick", "c_quick"].iter().all(|name| summary.contains(name)), "{table}");
+    let one = fdm(folder.path(), &["reproduce", "all", "--models", "models", "--threads", "1"]);
+    assert_eq!(one.stdout, all.stdout);
+}

@@ -135,6 +135,42 @@ fn a_variance_of_an_output_that_is_interpolated_is_said_and_stated_noise_has_non
     assert!(told > 2, "{told} of 10");
 }
 
+/// Two outputs that are one cubic, seen at `few` and at ten times.
+fn cubic(seed: u64, few: usize) -> (Model, Run) {
+    let text = "model cubic { time [s]; param a = 0.5, b = 0.5, c = 0.5, d = 0.5;
+        let s = a + t*(b + t*(c + t*d)); output y = s, z = s; }";
+    let mut normal = Normal(seed);
+    let time: Vec<f64> = (0..10 * few).map(|k| k as f64 / (10 * few) as f64).collect();
+    let mut sample = |k: usize, t: &f64| {
+        let s = 1.0 + t * (2.0 - t * (1.5 - 0.5 * t));
+        let seen = |every: usize, z: f64| if k % every == every / 2 { z } else { f64::NAN };
+        [seen(10, s + 0.1 * normal.next()), seen(few, s + 0.1 * normal.next())]
+    };
+    let measured = time.iter().enumerate().flat_map(|(k, t)| sample(k, t)).collect();
+    let record = run(time, measured, 2);
+    (Model::from_text("m.fdm", text).unwrap(), Run { output_gaps: vec![9 * few, 10 * few - 10], ..record })
+}
+
+#[test]
+fn a_maximum_beside_an_output_that_can_be_passed_through_is_said_and_one_sample_more_has_none() {
+    let mut elsewhere = 0;
+    for seed in 0..10 {
+        // four values lie on a cubic, whatever they are
+        let (model, record) = cubic(seed, 4);
+        let found = fit(&model, std::slice::from_ref(&record), &FitOptions::default(), &mut ()).unwrap();
+        // where the other output says more of every parameter the weight of this one decides nothing
+        assert!(!found.estimate.degenerate.is_empty() || found.estimate.leverages[0] < 1.0, "{seed}");
+        elsewhere += usize::from(matches!(&found.estimate.degenerate[..],
+            [Degeneracy::Elsewhere { output, samples: 4, gain }] if output == "y" && *gain > 1.0));
+        let noise = Noise::Given(vec![Some(0.1), None]);
+        let stated = FitOptions { options: Options { noise, ..Options::default() }, ..FitOptions::default() };
+        assert!(fit(&model, &[record], &stated, &mut ()).unwrap().is_good(), "{seed}");
+        let (model, more) = cubic(seed, 8);
+        assert!(fit(&model, &[more], &FitOptions::default(), &mut ()).unwrap().is_good(), "{seed}");
+    }
+    assert!(elsewhere > 0, "of the others the weight is lost where the fit ends");
+}
+
 #[test]
 fn minima_of_one_cost_at_two_places_are_two_and_that_of_the_given_start_is_kept() {
     let model =

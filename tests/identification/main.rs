@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 #![allow(clippy::print_stdout, reason = "figures are to be seen")]
 
+mod best_kept;
 mod blocks;
 mod both_domains;
 mod campaigns;
@@ -16,6 +17,7 @@ mod filter_error;
 mod flight_path;
 mod hidden_effects;
 mod identified_delays;
+mod intervals;
 mod kinetics;
 mod library;
 mod likelihoods;
@@ -30,6 +32,7 @@ mod recursive;
 mod reference_papers;
 mod sensitivities;
 mod spectra_partials;
+mod steps;
 mod stiff;
 mod strategies;
 mod surfaces;

@@ -158,6 +158,33 @@ fn steps_are_cut_where_limits_are_met_and_left() {
     }
 }
 
+/// Branches that states, an input, time and params change, beside a limit: coarse steps have the derivative of their own response.
+#[test]
+fn steps_are_cut_at_kinks() {
+    let text = "model kinks { input u; param c = 0.21, k = 1.7, b = 0.6, s = 0.4, top = 0.35, x0 = 0.05;
+        table g(a) = linear { -1: -0.5, -0.3: -0.4, 0.2: 0.3, 1: 0.4 };
+        state d = x0, z, w, m; limit m in [-top, top];
+        der(d) = k*u - b*d - 0.5*z; der(z) = clip(d, -c, c) + g(d) - z; der(m) = d + 0.3*max(sin(2*t), s) - 0.4*m;
+        der(w) = abs(d - 0.5*c) + max(s*u, z) - (if d > c then 2*d - c else d) - w + 0.1*m;
+        output y = d; output v = z; output q = w + m; }";
+    let kinks = model(text);
+    for (samples, interval, steps) in [(40, 0.25, 1), (40, 0.25, 3), (60, 0.1, 1)] {
+        check(&kinks, &run(&kinks, samples, interval), Steps::from(steps).cut_at_kinks());
+    }
+    // and so has order four: whole steps have not
+    let run = run(&kinks, 40, 0.25);
+    let response = |steps: Steps| {
+        let mut y = vec![0.0; 3 * run.len()];
+        Simulator::new(kinks.dynamics(), &run, steps).unwrap().simulate(&kinks.definition().start(), &mut y).unwrap();
+        y
+    };
+    let off = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    let exact = response(Steps::from(128).cut_at_kinks());
+    let [coarse, fine] = [2, 8].map(|per| off(&response(Steps::from(per).cut_at_kinks()), &exact));
+    let whole = off(&response(Steps::from(64)), &exact);
+    assert!(fine < coarse / 100.0 && fine < 1e-5 && whole > fine, "{coarse:e} {fine:e} {whole:e}");
+}
+
 /// The integral of an input that is linear between samples, stopped at both sides: in closed form from sample to sample.
 #[test]
 fn an_integral_that_leaves_its_stop_inside_an_interval_is_exact() {

@@ -220,3 +220,51 @@ fn nodes_that_no_run_visits_are_unknown() {
     println!("errors of visited nodes: {off:.1?}");
     assert!(far * 10 <= off.len(), "{off:?}");
 }
+
+/// A lag behind a curve of six nodes, seen by two outputs in white noise; the commands last 0.4 s.
+#[test]
+fn corrected_errors_beside_a_smooth_table_are_those_of_white_noise() {
+    let text = "model tank {
+      input u [1];
+      state x [1] = 0;
+      param tau = 1 in [0.05, 10] [s], c = 0 [1], b = 0 [1];
+      table V(u [1]) [1] = linear { u: [-1, -0.6, -0.2, 0.2, 0.6, 1], V: free 0 };
+      smooth V by order 2;
+      der(x) = (V(u) - x)/tau;
+      output y [1] = x, z [1] = c*x + b;
+    }";
+    let (model, count, dt) = (support::model(text), 160, 0.05);
+    let valve = [-1.4, -0.8, -0.4, 0.3, 0.5, 0.8];
+    let curve = |u: f64| {
+        let place = 2.5 * (u + 1.0);
+        let k = (place as usize).min(4);
+        valve[k] + (place - k as f64) * (valve[k + 1] - valve[k])
+    };
+    let inputs: Vec<f64> = (0..count).map(|k| (2.3 * (k / 8) as f64).sin()).collect();
+    let mut normal = Normal(5705);
+    for draw in 0..4 {
+        let (mut x, mut measured) = (0.0, Vec::new());
+        for u in &inputs {
+            measured.extend([x + 0.02 * normal.next(), 0.7 * x + 0.1 + 0.02 * normal.next()]);
+            x = curve(*u) + (x - curve(*u)) * f64::exp(-dt / 0.4);
+        }
+        let run = Run {
+            name: "commands".into(),
+            time: (0..count).map(|k| dt * k as f64).collect(),
+            inputs: inputs.clone(),
+            measured,
+            held: vec![true],
+            input_gaps: vec![0],
+            stated: vec![true],
+            output_gaps: vec![0; 2],
+        };
+        let found = fit(&model, &[run], &FitOptions::default(), &mut ()).unwrap();
+        assert!(found.is_good(), "{}", found.estimate.termination);
+        for (name, truth) in [("tau", 0.4), ("c", 0.7), ("b", 0.1)] {
+            let p = found.estimate.parameter(name, None).unwrap();
+            let (error, bound) = (p.corrected_error.unwrap(), p.standard_error.unwrap());
+            assert!((0.8..1.5).contains(&(error / bound)), "{draw} {name}: {error} beside {bound}");
+            assert!((p.value - truth).abs() < 4.0 * error, "{draw} {name}: {} \u{b1} {error}", p.value);
+        }
+    }
+}

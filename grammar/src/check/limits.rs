@@ -1,8 +1,8 @@
 //! How far states may go: `limit x in [a, b];`, `limit x in [a, b] smooth w;`.
 //!
-//! A simulation moves a state whose limits are hard by its rate as if there were none, and takes it back into them at the end of
-//! every step; all rates see it inside. So the step that reaches a limit ends exactly there, and the next one begins
-//! there with the limit's own sensitivity. Elsewhere `der(x)` means the derivative that the state has: zero at a limit while
+//! All rates see a state whose limits are hard inside them. A simulation cuts an explicit step where the state meets its limit, holds it
+//! there while its rate pushes outwards, and cuts it again where that ends. Implicit steps, and those of models with events or delays,
+//! move it as if there were no limits and take it back at their end, with the limit's own sensitivity. Elsewhere `der(x)` means the derivative that the state has: zero at a limit while
 //! the rate pushes outwards. A smooth limit is an expression: the outward part of the rate fades out over the width.
 
 use super::expressions::{Expressions, Indices};

@@ -10,6 +10,7 @@
 //! same long ways again and again, a way behind which nothing chooses is gone once for all of them (`funnels.rs`).
 
 mod funnels;
+mod kinks;
 mod sweep;
 #[cfg(test)]
 mod tests;
@@ -87,11 +88,13 @@ pub struct Derivatives {
     pub tau: Jacobian,
     /// Of the lower and the upper limit of every state that has them, by parameters.
     pub limits: Jacobian,
-    /// Of the guards of all events, then of the values that they set.
+    /// The switching functions of the rates, of a model without events.
+    pub kinks: Vec<ExprId>,
+    /// Of the guards of all events, then of the values that they set; or of the switching functions.
     pub events: Partials,
     /// Of the guards of all events, then of the values that they set, by time.
     pub events_by_time: Jacobian,
-    /// Of the rates by time, where there are events: elsewhere nothing asks for it.
+    /// Of the rates by time, where there are events, limits or kinks: elsewhere nothing asks for it.
     pub rates_by_time: Jacobian,
 }
 
@@ -115,9 +118,11 @@ pub fn differentiate_within(model: &mut Model, most: usize) -> Result<Derivative
     let initial: Vec<ExprId> = model.states.iter().map(|s| s.initial).collect();
     let tau: Vec<ExprId> = model.graph.delayed().iter().map(|d| d.tau).collect();
     let limits: Vec<ExprId> = model.limits().flat_map(|(_, l)| [l.lower, l.upper]).collect();
+    let kinks = kinks::switching(model);
     let list = model.events();
     let resets = list.iter().flat_map(|event| event.resets.iter().map(|(_, value)| *value));
-    let events: Vec<ExprId> = list.iter().map(|event| event.guard).chain(resets).collect();
+    let guards = list.iter().map(|event| event.guard).chain(kinks.iter().copied());
+    let events: Vec<ExprId> = guards.chain(resets).collect();
     let roots = [&rates[..], &outputs[..], &initial[..], &tau[..], &limits[..], &events[..]].concat();
     let free: Vec<bool> = model.params.iter().map(|p| !p.fixed).collect();
     let sweep = Sweep::new(&model.graph, &roots);
@@ -143,6 +148,7 @@ pub fn differentiate_within(model: &mut Model, most: usize) -> Result<Derivative
         initial: block(n + q, n, by_param),
         tau: block(n + q + n, tau.len(), by_param),
         limits: block(n + q + n + tau.len(), limits.len(), by_param),
+        kinks,
         events: partials(behind, events.len()),
         events_by_time: block(behind, events.len(), by_time),
         rates_by_time: block(0, n, by_time),

@@ -49,6 +49,9 @@ pub struct Layout {
     pub limits_by_param: Range<usize>,
     /// What each event sets, in the order of the text.
     pub events: Vec<EventRow>,
+    /// Switching functions of the rates, which `events` computes of a model without events: those of `max`, `min`, `abs` and `if`. Code that
+    /// does not compute them has none.
+    pub kinks: usize,
     /// For each output the state that it is, when it is one and nothing else (q).
     pub observed: Vec<Option<u32>>,
     /// Which equations are linear with a constant.
@@ -153,7 +156,7 @@ pub struct Patterns {
     pub tau_by_param: Pattern,
     /// limits_theta, two rows for each limited state by p.
     pub limits_by_param: Pattern,
-    /// Guards of all events and the values that they set, by n.
+    /// Guards of all events and the values that they set, or switching functions of the rates, by n.
     pub events_by_state: Pattern,
     /// Guards of all events and the values that they set, by m.
     pub events_by_input: Pattern,
@@ -180,9 +183,9 @@ impl Layout {
         self.outputs + p.outputs_by_state.len() + p.outputs_by_delayed.len() + p.outputs_by_param.len()
     }
 
-    /// Guards of all events and the values that they set.
+    /// Guards of all events and the values that they set, or switching functions of the rates.
     pub fn event_rows(&self) -> usize {
-        self.events.len() + self.events.iter().map(|event| event.states.len()).sum::<usize>()
+        self.kinks + self.events.len() + self.events.iter().map(|event| event.states.len()).sum::<usize>()
     }
 
     /// Length of the result of `events_and_partials`.

@@ -21,7 +21,7 @@ use crate::model::{Model, Origin};
 use crate::op::{ExprId, Op};
 pub(crate) use program::straight_line;
 
-/// The programs of a model; the last three are empty where there are no events.
+/// The programs of a model; the last three are empty where there are no events, limits or kinks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Schedule {
     /// Sizes, patterns, positions.
@@ -38,7 +38,8 @@ pub struct Schedule {
     pub outputs_and_partials: Program,
     /// Partials by inputs (linearisation, checks).
     pub by_input: Program,
-    /// Guards of all events, which pass zero upwards when they happen, and the values that they set.
+    /// Guards of all events, which pass zero upwards when they happen, and the values that they set; or the switching functions of the
+    /// rates, which pass zero in both directions.
     pub events: Program,
     /// Guards of all events and the values that they set, and their partials by states, inputs, parameters and time.
     pub events_and_partials: Program,
@@ -126,10 +127,11 @@ impl Schedule {
     }
 }
 
-/// The guards of all events, the values that they set, and all partials of both.
+/// The guards of all events, or the switching functions of the rates, the values that events set, and all partials of these.
 fn events(model: &Model, d: &Derivatives) -> Vec<ExprId> {
     let list = model.events();
     let mut all: Vec<ExprId> = list.iter().map(|event| event.guard).collect();
+    all.extend_from_slice(&d.kinks);
     all.extend(list.iter().flat_map(|event| event.resets.iter().map(|(_, value)| *value)));
     for jacobian in [&d.events.state, &d.events.input, &d.events.param, &d.events_by_time] {
         all.extend_from_slice(&jacobian.entries);
@@ -213,6 +215,7 @@ fn known(model: &Model, d: &Derivatives, bodies: &[ExprId]) -> (Vec<ExprId>, Lay
         limits,
         limits_by_param,
         events: event_rows(model),
+        kinks: d.kinks.len(),
         stage: StageRow::new(model, &d.rates.state.pattern, &d.rates.delayed.pattern),
         observed: model.outputs.iter().map(|o| observed(graph, o.expr)).collect(),
         affine: Affine::of(model),

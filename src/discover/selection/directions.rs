@@ -292,7 +292,7 @@ pub(super) fn steps_at(own: &Steps, level: usize, affine: bool) -> Steps {
         // a program that is not linear is integrated
         Scheme::Recursion { .. } if !affine => Steps::equal(Scheme::RungeKutta, 1 << level),
         scheme @ Scheme::Recursion { .. } => Steps::equal(scheme, 1 << level),
-        scheme @ Scheme::RungeKutta if own.per_interval().is_some() => Steps::equal(scheme, 1 << level),
+        Scheme::RungeKutta if own.per_interval().is_some() => own.with_equal(1 << level),
         _ => (0..level).fold(own.clone(), |steps, _| steps.halved()),
     }
 }

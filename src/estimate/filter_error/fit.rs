@@ -3,11 +3,13 @@
 use super::error::FilterError;
 use super::likelihood::{Deviation, Lost, Setting};
 use super::scoring::{Found, minimise};
+use crate::combinations::ignored;
 use crate::estimate::{Estimate, ParameterEstimate, RunFit, Symmetric};
+use crate::interpolation::uncompared;
 use crate::method::{Domain, Method};
 use crate::noise::Weights;
 use crate::observer::Observer;
-use crate::output_error::error::{FitError, StrategyError};
+use crate::output_error::error::FitError;
 use crate::output_error::fit::Fit;
 use crate::output_error::integration_fault::IntegrationFault;
 use crate::output_error::noise_model::{refused, without_output_noise};
@@ -47,7 +49,7 @@ const SILENT: f64 = 0.05;
 /// Estimates a model's parameters, the intensities of the noise in its equations and the measurement noise by maximum likelihood with an
 /// extended Kalman filter: all that `fdm fit --method filter-error` does, but reading and printing.
 ///
-/// Of the options changes, noise, iterations and steps are heeded.
+/// Of the options changes, noise, iterations and steps are heeded; others that were given are refused.
 ///
 /// # Errors
 /// [`FilterError`]; a fit that ran and went wrong is an [`Estimate`] with its [`Termination`].
@@ -60,8 +62,7 @@ pub fn fit_filter(
     let observer = &mut Budget::new(observer, options.options.total);
     let model = changed(model, &options.changes)?;
     let refused = refused(&model, &options.options.noise, Method::FilterError, Domain::Time);
-    let loss = StrategyError::LossOfMethod { method: Method::FilterError, domain: Domain::Time };
-    if let Some(refused) = refused.or((!options.loss.is_squares()).then_some(loss)) {
+    if let Some(refused) = refused.or_else(|| ignored(options, Method::FilterError, Domain::Time)) {
         return Err(FilterError::Fit(FitError::Strategy(refused)));
     }
     let model = without_output_noise(&model);
@@ -177,7 +178,8 @@ fn concluded(
     let (estimate, deviations) = apart(setting, estimate);
     let judge = |(run, result): (&Run, &RunFit)| run_quality(model, run, &result.response);
     let quality = setting.runs.iter().zip(&estimate.runs).flat_map(judge).collect();
-    let mut fit = Fit { quality, ..Fit::new(model.clone(), estimate, integration) };
+    let uncompared_inputs = uncompared(model, setting.runs);
+    let mut fit = Fit { quality, uncompared_inputs, ..Fit::new(model.clone(), estimate, integration) };
     let faults = setting.runs.iter().zip(&worst).flat_map(|(run, worst)| IntegrationFault::of(&fit, run, worst));
     fit.integration_faults = faults.collect();
     Ok(FilterFit { fit, deviations, silent })

@@ -39,11 +39,16 @@ impl fmt::Display for FitDefect {
             Self::Ended(termination) => write!(f, "{termination}"),
             Self::Unstable { growth } => write!(f, "unstable as a free response: it grows by e^{growth:.0}"),
             Self::SmoothResiduals { output, r2 } => {
-                write!(f, "converged to smooth residuals of `{output}`, R^2 {r2:.3}")
+                write!(f, "converged to smooth residuals of `{output}`, R^2 {}", shown(*r2))
             }
-            Self::PoorMatch { output, r2 } => write!(f, "converged to a poor match of `{output}`, R^2 {r2:.3}"),
+            Self::PoorMatch { output, r2 } => write!(f, "converged to a poor match of `{output}`, R^2 {}", shown(*r2)),
         }
     }
+}
+
+/// Three decimals, or three digits where the response is lost.
+fn shown(r2: f64) -> String {
+    if r2.abs() < 1000.0 { format!("{r2:.3}") } else { format!("{r2:.2e}") }
 }
 
 /// Iterations that no sound start needs: an iteration that had so many and did not converge is stuck.

@@ -92,7 +92,7 @@ pub enum StrategyError {
     LossOfFullNoise,
     ConfidenceOfOwnNoise,
     NoiseModel { method: Method, domain: Domain },
-    LossOfMethod { method: Method, domain: Domain },
+    OptionOfMethod { option: &'static str, method: Method, domain: Domain },
     SmoothByOneRun,
     SmoothByValidation { method: Method, domain: Domain },
     SmoothWeights { given: usize, wanted: usize },
@@ -150,9 +150,13 @@ impl fmt::Display for StrategyError {
                 "noise that is an expression (`noise y = ...;`) is estimated by output error in the time domain, not by {method} in the {domain} domain; \
                  --noise diagonal takes one size for each output instead"
             ),
-            Self::LossOfMethod { method, domain } => write!(
+            Self::OptionOfMethod { option: "--loss", method, domain } => write!(
                 f,
                 "losses other than squares are of output error in the time domain, not of {method} in the {domain} domain; take --loss squares"
+            ),
+            Self::OptionOfMethod { option, method, domain } => write!(
+                f,
+                "{option} has no part in {method} in the {domain} domain, and would be ignored: leave it out, or take another method"
             ),
             Self::SmoothByOneRun => write!(
                 f,

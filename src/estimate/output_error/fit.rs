@@ -33,6 +33,9 @@ pub struct Fit {
     pub doubted_initials: Option<DoubtedInitials>,
     /// What the record says of inputs about which nobody said how they go between samples; empty when that was not looked at.
     pub interpolations: Vec<InputInterpolation>,
+    /// Inputs about which nobody said how they go between samples where that was not compared: by a filter, with noise that is an expression, and with
+    /// another loss than squares.
+    pub uncompared_inputs: Vec<String>,
     /// What the residuals say: every output of every run, runs outermost; empty when nothing could be simulated, or when that
     /// was not asked for.
     pub quality: Vec<OutputQuality>,
@@ -65,6 +68,7 @@ impl Fit {
             few_samples: Vec::new(),
             doubted_initials: None,
             interpolations: Vec::new(),
+            uncompared_inputs: Vec::new(),
             quality: Vec::new(),
             rescue: None,
             by_length: Vec::new(),

@@ -124,6 +124,10 @@ pub(crate) fn single_fit(
         };
         // where halving does not help there are kinks, or a response on the edge of divergence
         if finer == steps {
+            // what ends the work before steps as fine as was promised leaves the best so far
+            if let Some(stop) = stopped(observer).filter(|_| !done && estimate.termination.is_good()) {
+                estimate.termination = stop.into();
+            }
             return Ok(Fit::new(model.clone(), estimate, integration));
         }
         before = Some(Fit::new(model.clone(), estimate, integration));

@@ -112,6 +112,13 @@ impl FreeResponse {
     }
 }
 
+/// Whether the free response at the model's start values is lost over the longest run, while the outputs stay in place. No plain fit leads anywhere
+/// from there; [`Continuation::Auto`](crate::Continuation::Auto) begins with short records, and tells soon where these do not help.
+pub fn is_lost_at_start(model: &Model, runs: &[Run]) -> bool {
+    let starts = crate::starts(model, runs, &crate::Changes::default());
+    FreeResponse::at_start(model, runs, &starts).is_some_and(|found| found.is_lost(runs, None))
+}
+
 /// How much wider outputs are in the whole of a run than in a first share of it: the logarithm, of the output that widens most.
 fn widening(runs: &[Run], share: f64) -> f64 {
     let mut most = 0.0_f64;

@@ -9,7 +9,8 @@ pub(super) mod completion;
 pub(super) mod confidence;
 pub(super) mod continuation;
 pub(super) mod fallback;
-mod free_response;
+pub(crate) mod free_response;
+pub(super) mod interpolable;
 #[cfg(test)]
 mod limit_tests;
 mod magnitudes;

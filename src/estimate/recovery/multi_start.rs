@@ -308,6 +308,11 @@ fn level(cost: f64) -> f64 {
     SAME_COST.max(SAME_RELATIVE * cost.abs())
 }
 
+/// Whether a cost is below another one by more than minima of one cost differ.
+pub(crate) fn is_likelier(cost: f64, than: f64) -> bool {
+    cost < than - level(than)
+}
+
 /// The largest difference of a parameter in its standard errors; one that neither determines does not count.
 fn in_errors(a: &StartSummary, b: &StartSummary) -> f64 {
     let moves = a.values.iter().zip(&b.values).map(|(x, y)| (x - y).abs());
@@ -321,7 +326,7 @@ fn in_errors(a: &StartSummary, b: &StartSummary) -> f64 {
 
 /// Why the likelihood has no maximum though a start ended at a minimum: another one ended without, and at a lower cost than this.
 pub(crate) fn unbounded(starts: &[StartSummary], cost: Option<f64>) -> Vec<Degeneracy> {
-    let below = |s: &&StartSummary| s.cost.zip(cost).is_some_and(|(own, kept)| own < kept - level(kept));
+    let below = |s: &&StartSummary| s.cost.zip(cost).is_some_and(|(own, kept)| is_likelier(own, kept));
     let lowest = starts.iter().filter(|s| !s.degenerate.is_empty()).filter(below);
     let lowest = lowest.min_by(|a, b| a.cost.unwrap_or_default().total_cmp(&b.cost.unwrap_or_default()));
     lowest.map_or(Vec::new(), |s| s.degenerate.clone())

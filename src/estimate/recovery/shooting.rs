@@ -161,7 +161,7 @@ struct Shot<'a> {
     /// Size of each state at the cuts.
     scale: Vec<f64>,
     /// Steps between samples in each run.
-    steps: Vec<usize>,
+    steps: Vec<Steps>,
     /// Deviation of the gaps, relative to the state's size.
     deviation: f64,
     /// Gaps of each run at the last estimates, cuts by states.
@@ -195,10 +195,10 @@ impl<'a> Shot<'a> {
             let guessed = guess(models, pieces, start, sizes);
             theta.extend(guessed);
             let chosen = match options.per_interval {
-                Some(per_interval) => per_interval.max(1),
+                Some(per_interval) => Steps::from(per_interval),
                 None => chosen_steps(models, pieces, &theta, sizes)?,
             };
-            let run = segmented(models, (pieces, cuts), sizes, chosen)?;
+            let run = segmented(models, (pieces, cuts), sizes, &chosen)?;
             theta.resize(all.len(), 0.0);
             let cells = run.measured.len().saturating_mul(all.len());
             if cells > MOST_CELLS {
@@ -253,9 +253,10 @@ impl<'a> Shot<'a> {
             }
             let run = &self.problem.runs[k];
             let chosen = chosen_steps(self.models, &self.pieces[k], &run.start, self.sizes)?;
-            if chosen > self.steps[k] {
+            let used = &self.steps[k];
+            if chosen.most() > used.most() || chosen.are_cut() && !used.are_cut() {
                 let (start, measured) = (run.start.clone(), run.measured.clone());
-                let finer = segmented(self.models, (&self.pieces[k], &self.cuts[k]), self.sizes, chosen)?;
+                let finer = segmented(self.models, (&self.pieces[k], &self.cuts[k]), self.sizes, &chosen)?;
                 self.problem.runs[k] = ProblemRun { start, measured, ..finer };
                 self.steps[k] = chosen;
                 refined = true;
@@ -367,21 +368,21 @@ impl<'a> Shot<'a> {
         for (r, steps) in self.steps.iter().enumerate() {
             let mut error = 0.0_f64;
             for (k, piece) in self.pieces[r].iter().enumerate() {
-                let one = integration_error(self.models.of(k).dynamics(), piece, &self.theta(r, k), *steps);
+                let one = integration_error(self.models.of(k).dynamics(), piece, &self.theta(r, k), steps.clone());
                 error = error.max(one.map_err(|e| FitError::unsuited(piece, e))?);
             }
-            found.push(Accuracy { steps: (*steps).into(), error });
+            found.push(Accuracy { steps: steps.clone(), error });
         }
         Ok(found)
     }
 
     /// Where the segments of a run are integrated worst, output by output: beside the range of its whole response (N by q).
     fn worst(&self, run: usize, response: &[f64]) -> Result<Vec<WorstError>, FitError> {
-        let (q, steps) = (self.sizes.outputs, Steps::from(self.steps[run]));
+        let (q, steps) = (self.sizes.outputs, &self.steps[run]);
         let mut found: Vec<WorstError> = Vec::new();
         for (k, piece) in self.pieces[run].iter().enumerate() {
             let begin = if k == 0 { 0 } else { self.cuts[run][k - 1] };
-            let worst = worst_errors(self.models.of(k).dynamics(), piece, &self.theta(run, k), &steps, UNSOUND);
+            let worst = worst_errors(self.models.of(k).dynamics(), piece, &self.theta(run, k), steps, UNSOUND);
             for own in worst.map_err(|e| FitError::unsuited(piece, e))?.into_iter().filter(|own| own.output < q) {
                 let part = own.error / output_range(response.iter().skip(own.output).step_by(q));
                 if part > UNSOUND {
@@ -413,14 +414,17 @@ fn local(theta: &[f64], segment: usize, sizes: Sizes) -> Vec<f64> {
     own
 }
 
-fn chosen_steps(models: &SegmentModels, pieces: &[Run], theta: &[f64], sizes: Sizes) -> Result<usize, FitError> {
+/// Equal steps for all segments of a run, cut at kinks where that is worth it in any.
+fn chosen_steps(models: &SegmentModels, pieces: &[Run], theta: &[f64], sizes: Sizes) -> Result<Steps, FitError> {
     let explicit = StepOptions { scheme: Some(Scheme::RungeKutta), ..StepOptions::default() };
-    let mut most = 1;
+    let (mut most, mut cut) = (1, false);
     for (k, piece) in pieces.iter().enumerate() {
         let chosen = choose_steps(models.of(k).dynamics(), piece, &local(theta, k, sizes), &explicit);
-        most = most.max(chosen.map_err(|e| FitError::unsuited(piece, e))?.steps.most());
+        let steps = chosen.map_err(|e| FitError::unsuited(piece, e))?.steps;
+        (most, cut) = (most.max(steps.most()), cut || steps.are_cut());
     }
-    Ok(most)
+    let steps = Steps::from(most);
+    Ok(if cut { steps.cut_at_kinks() } else { steps })
 }
 
 /// A run as a response in segments; what the gaps should be is zero.
@@ -428,12 +432,12 @@ fn segmented<'a>(
     models: &'a SegmentModels,
     (pieces, cuts): (&'a [Run], &[usize]),
     sizes: Sizes,
-    steps: usize,
+    steps: &Steps,
 ) -> Result<ProblemRun<'a>, FitError> {
     let width = sizes.outputs + sizes.states;
     let (mut segments, mut measured) = (Vec::new(), Vec::new());
     for (k, piece) in pieces.iter().enumerate() {
-        let simulator = Simulator::new(models.of(k).dynamics(), piece, steps);
+        let simulator = Simulator::new(models.of(k).dynamics(), piece, steps.clone());
         let simulator = simulator.map_err(|e| FitError::unsuited(piece, e))?;
         segments.push(Segment { simulator, begin: measured.len() / width });
         let last = k + 1 == pieces.len();

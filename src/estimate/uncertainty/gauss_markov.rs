@@ -1,12 +1,11 @@
 //! Gauss-Markov noise of deviation 1 beside a white part w: `Rvv(t) = (1 - w) exp(-|t|/T) cos(omega t)`, or smooth, as what has passed an oscillator,
 //! `(1 - w) exp(-|t|/T) (cos(omega t) + sin(omega |t|)/(omega T))`. As a process of two states it is filtered exactly at any times, even or not (Kalman
-//! 1960): its Cholesky factor L and the determinant in one pass. And the models that short runs are judged by, each with its prior probability.
+//! 1960): its Cholesky factor L and the determinant in one pass.
 
-use super::sensitivity_rows::SensitivityRows;
-use std::f64::consts::{LN_2, TAU};
+use std::f64::consts::LN_2;
 
 /// Least variance of an innovation: two samples at one moment of noise without a white part are the same.
-const LEAST: f64 = 1e-9;
+pub(super) const LEAST: f64 = 1e-9;
 
 /// First- or second-order Gauss-Markov noise with a white part.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -132,78 +131,8 @@ impl GaussMarkov {
     }
 }
 
-/// Prior probability that all noise is white.
-const WHITE: f64 = 0.6;
-/// What is left of it: for first-order noise, for its smooth kind, and for second-order noise that oscillates.
-const SHARES: [f64; 3] = [0.5, 0.1, 0.4];
-/// White parts of first-order noise, and of all others.
-const PARTS: [f64; 3] = [0.0, 0.3, 0.6];
-const OTHER_PARTS: [f64; 2] = [0.0, 0.4];
-/// Angles that oscillating noise turns through in its correlation time.
-const TURNS: [f64; 3] = [2.0, 6.0, 20.0];
-/// Factor from one period to the next, at most.
-const PERIOD_STEP: f64 = 1.4;
-/// Shortest correlation time, in intervals.
-const SHORTEST: f64 = 0.4;
-/// Longest, in lengths of the longest record; smooth noise correlates over more than twice its time, and longer ones are trends.
-const LONGEST: f64 = 2.0;
-const LONGEST_SMOOTH: f64 = 0.25;
-/// Longest period, in the same: what swings once within a short record is what its parameters imitate best.
-const LONGEST_PERIOD: f64 = 1.0;
-/// Factor from one time to the next, at most.
-const STEP: f64 = 1.7;
-
-/// The median of all intervals.
-pub(super) fn median_interval(runs: &[&SensitivityRows]) -> f64 {
-    let steps = |run: &&SensitivityRows| run.moments.windows(2).map(|t| t[1] - t[0]).collect::<Vec<f64>>();
-    let mut all: Vec<f64> = runs.iter().flat_map(steps).collect();
-    let middle = all.len() / 2;
-    let interval = if all.is_empty() { 0.0 } else { *all.select_nth_unstable_by(middle, f64::total_cmp).1 };
-    if interval > 0.0 { interval } else { 1.0 }
-}
-
-/// All noise models, white noise the first, and the share of each of the others in the prior probability that the noise is not white.
-pub(super) fn candidates(runs: &[&SensitivityRows], interval: f64) -> (Vec<GaussMarkov>, Vec<f64>) {
-    let span = |run: &&SensitivityRows| run.moments.last().unwrap_or(&0.0) - run.moments.first().unwrap_or(&0.0);
-    let length = runs.iter().map(span).fold(interval, f64::max);
-    let count = runs.iter().map(|run| run.moments.len()).max().unwrap_or(2) as f64;
-    let uneven = runs.iter().any(|run| !run.even);
-    let clocks = [(Clock::Time, interval, length), (Clock::Samples, 1.0, count)];
-    let (mut rough, mut smooth, mut oscillating) = (Vec::new(), Vec::new(), Vec::new());
-    for (clock, interval, length) in clocks.into_iter().take(1 + usize::from(uneven)) {
-        for time_constant in spaced(SHORTEST * interval, LONGEST * length, STEP) {
-            let noise = |smooth, white| GaussMarkov { time_constant, angular: 0.0, smooth, white, clock };
-            rough.extend(PARTS.map(|white| noise(false, white)));
-            if time_constant < LONGEST_SMOOTH * length {
-                smooth.extend(OTHER_PARTS.map(|white| noise(true, white)));
-            }
-        }
-    }
-    for angular in spaced(2.0 * interval, LONGEST_PERIOD * length, PERIOD_STEP).map(|period| TAU / period) {
-        // what turns longest is a line, rough or smooth
-        let kinds = TURNS.into_iter().flat_map(|t| [(t, false), (t, true)]).take(2 * TURNS.len() - 1);
-        for (turns, smooth) in kinds {
-            let time_constant = turns / angular;
-            let noise = |white| GaussMarkov { time_constant, angular, smooth, white, clock: Clock::Time };
-            oscillating.extend(OTHER_PARTS.map(noise));
-        }
-    }
-    let (mut all, mut shares) = (vec![GaussMarkov::WHITE], Vec::new());
-    for (models, share) in [rough, smooth, oscillating].into_iter().zip(SHARES) {
-        shares.extend(models.iter().map(|_| share / models.len() as f64));
-        all.extend(models);
-    }
-    (all, shares)
-}
-
-/// Logarithm of the prior probability of each model, where so many outputs have each its own.
-pub(super) fn log_prior(shares: &[f64], outputs: usize) -> Vec<f64> {
-    let white = WHITE.powf(1.0 / outputs as f64);
-    std::iter::once(white.ln()).chain(shares.iter().map(|share| ((1.0 - white) * share).ln())).collect()
-}
-
 /// From one number to the other in equal factors that are at most `step`.
-fn spaced(from: f64, to: f64, step: f64) -> impl Iterator<Item = f64> {
+pub(super) fn spaced(from: f64, to: f64, step: f64) -> impl Iterator<Item = f64> {
     let to = to.max(from);
     let steps = ((to / from).ln() / step.ln()).ceil().max(1.0);
     (0..=steps as usize).map(move |k| from * (to / from).powf(k as f64 / steps))

@@ -13,11 +13,13 @@ pub(super) mod coloured;
 mod coloured_tests;
 pub(super) mod cramer_rao;
 pub(super) mod curvature;
+mod flicker;
 mod gauss_markov;
 pub(super) mod identifiability;
 mod leverage;
 mod measured_regressors;
 mod model_averaged;
+mod noise_candidates;
 pub(super) mod parameters;
 #[cfg(test)]
 mod prior_tests;

@@ -1,19 +1,21 @@
-//! Errors where runs are short, or their times uneven, so that no noise model can be chosen: all of [`super::gauss_markov`] are weighed by their restricted
+//! Errors where runs are short, or their times uneven, so that no noise model can be chosen: all of [`super::noise_candidates`] are weighed by their restricted
 //! likelihood (Patterson and Thompson 1971), and variances averaged over them (Hoeting, Madigan, Raftery and Volinsky 1999).
 //!
 //! All outputs share one model, or each has its own; both hypotheses are weighed. Each decorrelated output acts on the parameters by `S' R^-1 L`. A variance
 //! is then a mixture of values with weights, and the interval is that of the mixture.
 
 use super::arrow::{Arrow, Blocks};
-use super::gauss_markov::{Clock, GaussMarkov, candidates, log_prior, median_interval};
+use super::gauss_markov::Clock;
+use super::noise_candidates::{NoiseModel, candidates, log_prior, median_interval};
 use super::restricted_likelihood::{
     Decorrelated, Decorrelation, Likelihood, NormalEquations, Restricted, ShortRun, normal_equations,
 };
-use super::sandwich::{NoiseColour, PriorInformation, Sandwich, Uncorrected};
+use super::sandwich::{NoiseColour, PriorInformation, Sandwich, Uncorrected, between};
 use super::sensitivity_rows::SensitivityRows;
 use crate::noise::Weights;
 use crate::problem::Problem;
 use crate::residuals::autoregression::{AutoRegression, LevinsonDurbin};
+use fdm_numeric::quadratic::Inverse;
 use fdm_numeric::statistics::Student;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -69,7 +71,7 @@ impl ShortRuns {
     ) -> Result<(), Uncorrected> {
         let n = freedom.len();
         let square = |values: &[f64]| DMatrix::from_row_slice(n, n, values);
-        let variances = self.average.variances(&square(&sandwich.bound.inverse.values), &square(others));
+        let variances = self.average.variances(&sandwich.bound.inverse, &square(others));
         let variances = variances.ok_or(Uncorrected::NotFinite)?;
         let factor = |j: usize| match covariance[j * n + j] {
             variance if variance > 0.0 => (variances[j].0 / variance).sqrt(),
@@ -149,7 +151,7 @@ struct Hypothesis {
 
 /// The average over the noise models of all outputs of the short runs.
 struct Average {
-    models: Vec<GaussMarkov>,
+    models: Vec<NoiseModel>,
     /// For each output its samples, and the degrees of freedom of its scale.
     samples: Vec<(f64, f64)>,
     /// For each output and model `S' R^-1 L C L' R^-1 S` (n by n).
@@ -181,11 +183,13 @@ impl Average {
             .iter()
             .map(|parts| models.par_iter().map(|m| normal_equations(parts, short, m, &blocks)).collect())
             .collect();
-        // at the estimates the score of all runs vanishes: that of the others is opposite to these
-        let mut pull = blocks.parts(&DVector::zeros(n));
+        // at the estimates the score of all runs vanishes by the noise of the fit: that of the others is opposite to these. By the noise of correlated outputs
+        // it would pull at what the others say nothing of
+        let mut pull = DVector::zeros(n);
         if others.amax() > 0.0 {
-            tables.iter().for_each(|t| pull.add_over(-1.0, &t[0].0.vector));
+            short.iter().for_each(|run| run.add_score(-1.0, inverse_noise, &mut pull));
         }
+        let pull = blocks.parts(&pull);
         let others = Arrow::of(&blocks, &others);
         let (normals, middles) = tables.into_iter().map(|t| t.into_iter().unzip()).unzip();
         let restricted = Restricted { samples: samples.clone(), normals, others, pull };
@@ -213,12 +217,17 @@ impl Average {
         sum
     }
 
-    /// Variance of each chosen unknown and its degrees of freedom (n), with the Cramer-Rao covariance of the fit (n by n) on both sides
+    /// Variance of each chosen unknown and its degrees of freedom (n), with the Cramer-Rao covariance of the fit on both sides
     /// and beside it the middle of the others (n by n); none where numbers are not finite.
-    fn variances(&self, inverse: &DMatrix<f64>, others: &DMatrix<f64>) -> Option<Vec<(f64, f64)>> {
+    fn variances(&self, inverse: &Inverse, others: &DMatrix<f64>) -> Option<Vec<(f64, f64)>> {
+        let n = inverse.chosen.len();
+        let known = DMatrix::from_row_slice(n, n, &inverse.values);
         let around = |middle: &DMatrix<f64>| -> Vec<f64> {
-            let half = middle * inverse;
-            inverse.column_iter().zip(half.column_iter()).map(|(a, b)| a.dot(&b).max(0.0)).collect()
+            if let Some(covariance) = between(inverse, middle.as_slice()) {
+                return (0..n).map(|j| covariance[j * n + j]).collect();
+            }
+            let half = middle * &known;
+            known.column_iter().zip(half.column_iter()).map(|(a, b)| a.dot(&b).max(0.0)).collect()
         };
         // output, model, unknown
         let own: Vec<Vec<Vec<f64>>> = self.middles.iter().map(|m| m.par_iter().map(around).collect()).collect();
@@ -262,8 +271,8 @@ impl Average {
         let weights: Vec<f64> = (1..self.models.len()).map(weight).collect();
         let coloured: f64 = weights.iter().sum();
         let at = |lag: usize| {
-            let own = |(b, w): (&GaussMarkov, &f64)| {
-                let apart = if b.clock == Clock::Time { lag as f64 * self.interval } else { lag as f64 };
+            let own = |(b, w): (&NoiseModel, &f64)| {
+                let apart = if b.clock() == Clock::Time { lag as f64 * self.interval } else { lag as f64 };
                 w * b.correlation(apart)
             };
             self.models[1..].iter().zip(&weights).map(own).sum::<f64>() / coloured

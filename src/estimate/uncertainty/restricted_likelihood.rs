@@ -2,7 +2,8 @@
 //! so that what fitting takes off is not taken for quiet. Correlated outputs are decorrelated first, `L^-1 e` with the Cholesky factor L of their covariance.
 
 use super::arrow::{Arrow, Blocks, Parts};
-use super::gauss_markov::{Clock, GaussMarkov};
+use super::gauss_markov::Clock;
+use super::noise_candidates::NoiseModel;
 use super::sensitivity_rows::SensitivityRows;
 use crate::iteration::products::accumulate;
 use nalgebra::{Cholesky, DMatrix, DVector};
@@ -12,6 +13,20 @@ pub(super) struct ShortRun<'r> {
     pub(super) rows: &'r SensitivityRows,
     /// The place of each of its columns among the chosen unknowns (n).
     pub(super) places: Vec<Option<usize>>,
+}
+
+impl ShortRun<'_> {
+    /// Adds `factor` times the score `S' R^-1 e` to that of the chosen unknowns (n); `inverse_noise` is that of the fit (q by q).
+    pub(super) fn add_score(&self, factor: f64, inverse_noise: &[f64], score: &mut DVector<f64>) {
+        let weighted = self.rows.weighted(inverse_noise);
+        for (o, residuals) in self.rows.residuals.iter().enumerate() {
+            let rows = weighted.of_output(o).chunks_exact(self.rows.width.max(1));
+            for (row, residual) in rows.zip(residuals).filter(|(_, e)| !e.is_nan()) {
+                let placed = row.iter().zip(&self.places).filter_map(|(s, place)| Some((s, (*place)?)));
+                placed.for_each(|(s, place)| score[place] += factor * s * residual);
+            }
+        }
+    }
 }
 
 /// Combinations of the outputs whose noises are independent, of deviation 1 where the noise is what the covariance says.
@@ -96,9 +111,9 @@ impl DecorrelatedRows {
     }
 
     /// Products of all columns (wide by wide, the upper triangle) after `through` has been through the rows.
-    fn squares(&self, model: &GaussMarkov, through: impl FnOnce(&[f64], &mut [f64], usize)) -> Vec<f64> {
+    fn squares(&self, model: &NoiseModel, through: impl FnOnce(&[f64], &mut [f64], usize)) -> Vec<f64> {
         let mut values = self.values.clone();
-        through(&self.moments[usize::from(model.clock == Clock::Samples)], &mut values, self.wide);
+        through(&self.moments[usize::from(model.clock() == Clock::Samples)], &mut values, self.wide);
         let mut sums = vec![0.0; self.wide * self.wide];
         accumulate(&values, self.wide, values.len() / self.wide, self.wide, self.wide, &mut sums);
         sums
@@ -109,7 +124,7 @@ impl DecorrelatedRows {
 pub(super) fn normal_equations(
     parts: &[Decorrelated],
     runs: &[ShortRun<'_>],
-    model: &GaussMarkov,
+    model: &NoiseModel,
     blocks: &Blocks,
 ) -> (NormalEquations, DMatrix<f64>) {
     let n = blocks.len();

@@ -8,6 +8,8 @@ use crate::problem::{KnownNoise, Problem, ProblemRun};
 use crate::residuals::autoregression::AutoRegression;
 use crate::unknowns::Unknowns;
 use fdm_numeric::dense::{multiply, multiply_to_symmetric};
+use fdm_numeric::quadratic::Inverse;
+use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -73,6 +75,9 @@ impl Sandwich<'_> {
 
     /// The covariance (n by n) with this middle.
     pub(crate) fn around(&self, middle: &[f64]) -> Vec<f64> {
+        if let Some(covariance) = between(&self.bound.inverse, middle) {
+            return covariance;
+        }
         let n = self.bound.inverse.chosen.len();
         let inverse = &self.bound.inverse.values;
         multiply_to_symmetric(&multiply(inverse, middle, n), inverse, n)
@@ -105,6 +110,31 @@ impl Sandwich<'_> {
             to
         })
     }
+}
+
+/// Variance of a direction in scaled unknowns, about 1 where all is determined, from which on rounding of the middle, whose entries are as large, takes the
+/// third digit of it.
+const LOST: f64 = 1e-3 / f64::EPSILON;
+
+/// `D M D` (n by n) where a direction is so badly determined that rounding of M leaves nothing of it; none where there is no such direction. In coordinates
+/// in which the information is the unit matrix, M says how much each variance grows; such a direction grows as the others do in the mean.
+pub(super) fn between(inverse: &Inverse, middle: &[f64]) -> Option<Vec<f64>> {
+    let n = inverse.chosen.len();
+    let rank = inverse.along.len() / n.max(1);
+    let is_lost = |k: &usize| inverse.along[k * n..][..n].iter().map(|v| v * v).sum::<f64>() > LOST;
+    let (lost, kept): (Vec<usize>, Vec<usize>) = (0..rank).partition(is_lost);
+    if lost.is_empty() {
+        return None;
+    }
+    let along = DMatrix::from_row_slice(rank, n, &inverse.along);
+    let mut growth = &along * DMatrix::from_row_slice(n, n, middle) * along.transpose();
+    let mean = kept.iter().map(|k| growth[(*k, *k)]).sum::<f64>() / kept.len().max(1) as f64;
+    for k in lost {
+        growth.row_mut(k).fill(0.0);
+        growth.column_mut(k).fill(0.0);
+        growth[(k, k)] = if kept.is_empty() { 1.0 } else { mean };
+    }
+    Some((along.transpose() * growth * along).as_slice().to_vec())
 }
 
 /// The corrected covariance.
@@ -270,4 +300,22 @@ fn middle(
         add(j, i, covariance);
     }
     Ok(middle)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_rounding_takes_grows_as_the_others() {
+        // two columns that differ by 1e-8, and noise of three times the variance that was taken for it
+        let (sum, difference) = (1.0 / 2.0_f64.sqrt() / 2.0_f64.sqrt(), 1e8 / 2.0_f64.sqrt());
+        let along = vec![sum, sum, difference, -difference];
+        let inverse = Inverse { chosen: vec![0, 1], along, ..Inverse::default() };
+        let found = between(&inverse, &[3.0, 3.0, 3.0, 3.0]).expect("a direction is lost");
+        assert!((found[0] / 1.5e16 - 1.0).abs() < 1e-9 && (found[1] / -1.5e16 - 1.0).abs() < 1e-9, "{found:?}");
+        // of the sum all digits are there
+        let well = Inverse { along: vec![sum, sum, 0.5, -0.5], ..inverse };
+        assert_eq!(between(&well, &[3.0, 3.0, 3.0, 3.0]), None);
+    }
 }

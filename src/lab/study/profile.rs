@@ -7,7 +7,7 @@ use fdm_estimate::{
     Changes, CheckpointStore, Continuation, Estimate, Fit, FitOptions, Iteration, MultiStart, ParameterEstimate,
     SharedSteps, Status, fit_from, quantile,
 };
-use fdm_results::documents::profile::{End, Point, Profile, reach};
+use fdm_results::documents::profile::{AtBound, End, Point, Profile, reach};
 use fdm_system::Model;
 use fdm_system::record::Run;
 use rayon::prelude::*;
@@ -60,6 +60,8 @@ impl Side {
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 struct ProfileSide {
     end: End,
+    /// Others at their bounds beside the end.
+    held: Vec<AtBound>,
     points: Vec<Point>,
     refits: usize,
 }
@@ -109,6 +111,7 @@ struct Refit {
     rise: f64,
     starts: Vec<Vec<f64>>,
     others: Vec<(String, f64)>,
+    held: Vec<AtBound>,
 }
 
 impl Refit {
@@ -189,8 +192,9 @@ impl<'a> Profiler<'a> {
         points.sort_by(|a, b| a.value.total_cmp(&b.value));
         let (name, unit, value) = (parameter.name.clone(), parameter.unit.clone(), parameter.value);
         let (ends, reach) = ([sides[0].end, sides[1].end], reach(error, factor, rise));
+        let held = [0, 1].map(|k| std::mem::take(&mut sides[k].held));
         let by_error = [value - reach, value + reach];
-        Ok(Profile { name, unit, value, error, factor, rise, bound, ends, by_error, points, refits })
+        Ok(Profile { name, unit, value, error, factor, rise, bound, ends, held, by_error, points, refits })
     }
 
     /// One side of the profile of a parameter, as bytes for [`Self::of_kept`]; none when it was interrupted.
@@ -286,8 +290,9 @@ impl<'a> Profiler<'a> {
                 break;
             }
         }
+        let held = held_beside(&found, wanted.at(end.value()));
         let points = found.into_iter().map(|f| Point { value: f.value, rise: f.rise, others: f.others }).collect();
-        ProfileSide { end, points, refits }
+        ProfileSide { end, held, points, refits }
     }
 
     /// The end by secants on the root of the rise, which is straight where the cost is a parabola, between a value below the limit and perhaps one above.
@@ -331,7 +336,11 @@ impl<'a> Profiler<'a> {
             *refits += 1;
             let Some(refit) = self.refit(wanted, (at, value), &starts) else {
                 if (self.goes_on)() && (*refits >= last || at - below.0 < 1e-3 * at) {
-                    return End::Astray(wanted.value(sign, below.0));
+                    // where the cost has risen enough behind it the end lies between them
+                    match above {
+                        Some(_) => break,
+                        None => return End::Astray(wanted.value(sign, below.0)),
+                    }
                 }
                 at = below.0 + 0.5 * (at - below.0);
                 continue;
@@ -412,7 +421,8 @@ impl<'a> Profiler<'a> {
         // what is not at its minimum costs too much: where that is allowed all the same, the value belongs to the interval
         (known || rise <= wanted.rise).then_some(())?;
         let others = others(&found.estimate, wanted.parameter);
-        Some(Refit { at, value, rise, starts: reached(&model, self.runs, &found.estimate), others })
+        let held = at_bounds(&found.estimate);
+        Some(Refit { at, value, rise, starts: reached(&model, self.runs, &found.estimate), others, held })
     }
 }
 
@@ -427,7 +437,30 @@ fn others(estimate: &Estimate, parameter: &ParameterEstimate) -> Vec<(String, f6
     let free =
         estimate.parameters.iter().filter(|p| !matches!(p.status, Status::Fixed | Status::Derived | Status::Tied));
     let other = free.filter(|p| p.name != parameter.name);
-    other.map(|p| (p.run.as_ref().map_or(p.name.clone(), |run| format!("{} of {run}", p.name)), p.value)).collect()
+    other.map(|p| (called(p), p.value)).collect()
+}
+
+fn called(p: &ParameterEstimate) -> String {
+    p.run.as_ref().map_or(p.name.clone(), |run| format!("{} of {run}", p.name))
+}
+
+/// Parameters that a refit left at their bounds.
+fn at_bounds(estimate: &Estimate) -> Vec<AtBound> {
+    let held = estimate.parameters.iter().filter(|p| matches!(p.status, Status::AtLowerBound | Status::AtUpperBound));
+    held.map(|p| AtBound { name: called(p), bound: p.value }).collect()
+}
+
+/// What stands at its bound in the nearest refits before and behind a place (in errors); refits by their places.
+fn held_beside(found: &[Refit], place: f64) -> Vec<AtBound> {
+    let past = found.partition_point(|f| f.at < place);
+    let beside = found[..past].last().into_iter().chain(found.get(past));
+    let mut held: Vec<AtBound> = Vec::new();
+    for own in beside.flat_map(|f| &f.held) {
+        if !held.contains(own) {
+            held.push(own.clone());
+        }
+    }
+    held
 }
 
 #[cfg(test)]

@@ -121,3 +121,40 @@ fn what_has_no_profile_is_said_and_an_interrupt_ends_it() {
         Profiler::new(&fit, &runs, &options, &never).expect("possible").of("slope").expect("of what is there");
     assert!(stopped.ends.iter().all(|e| matches!(e, End::Interrupted(_))), "{:?}", stopped.ends);
 }
+
+#[test]
+fn others_at_their_bounds_beside_an_end_are_named() {
+    let u: Vec<f64> = (0..40).map(|k| f64::from(k) / 10.0).collect();
+    let text = "model line { input u; param a = 1, b = 0.1 in [0, 5]; output y = a*u + b; }";
+    let (fit, runs, options) = fitted(text, &u, |u| 2.0 * u + 0.03, 0.1);
+    let p = Profiler::new(&fit, &runs, &options, ALWAYS).expect("possible").of("a").expect("estimated");
+    // steeper lines would begin below zero
+    assert_eq!(p.held, [Vec::new(), vec![AtBound { name: "b".into(), bound: 0.0 }]], "{p:?}");
+    let [End::At(_), End::At(high)] = p.ends else { panic!("{:?}", p.ends) };
+    // with b at 0 the cost is a parabola of a alone
+    let value = fit.estimate.parameter("b", None).expect("there").value;
+    let rest = |a: f64| u.iter().map(|u| ((a - p.value) * u - value).powi(2)).sum::<f64>() / 0.02;
+    assert!((rest(high) / p.rise - 1.0).abs() < 0.03, "{} {}", rest(high), p.rise);
+}
+
+/// A rate that saturates: how early hardly shows, and not at all may be right.
+#[test]
+fn a_bound_closes_an_interval_and_is_where_another_ends() {
+    let u: Vec<f64> = (1..13).map(f64::from).collect();
+    let text = "model rate { input u; param V = 1, K = 1 in [0, 50]; output y = V*u/(K + u); }";
+    let (fit, runs, options) = fitted(text, &u, |u| 2.0 * u / (0.3 + u), 0.3);
+    let profiler = Profiler::new(&fit, &runs, &options, ALWAYS).expect("possible");
+    let [half, rate] = ["K", "V"].map(|name| profiler.of(name).expect("estimated"));
+    // with K held V is a quotient of sums
+    let cost = |k: f64| {
+        let shape: Vec<f64> = u.iter().map(|u| u / (k + u)).collect();
+        let sums =
+            |of: &dyn Fn(f64, f64) -> f64| shape.iter().zip(&runs[0].measured).map(|(x, z)| of(*x, *z)).sum::<f64>();
+        let v = sums(&|x, z| x * z) / sums(&|x, _| x * x);
+        sums(&|x, z| (z - v * x).powi(2)) / (2.0 * 0.3_f64.powi(2))
+    };
+    let [End::Bound(low), End::At(high)] = half.ends else { panic!("{half:?}") };
+    assert!(low == 0.0 && cost(0.0) - cost(half.value) < half.rise, "{half:?}");
+    assert!(((cost(high) - cost(half.value)) / half.rise - 1.0).abs() < 0.03, "{half:?}");
+    assert_eq!(rate.held, [vec![AtBound { name: "K".into(), bound: 0.0 }], Vec::new()], "{rate:?}");
+}

@@ -122,7 +122,7 @@ fn of_fit(fit: &FitDocument) -> (Trust, String) {
     }
     if fit.remarks.iter().any(|r| r.about == About::Likelihood) {
         let said =
-            format!("{what} converged, but the likelihood has no maximum there: values and errors below mean nothing.");
+            format!("{what} converged, but the likelihood has no maximum: values and errors below mean nothing.");
         return (Trust::Bad, said);
     }
     let bounds = fit.remarks.iter().filter(|r| r.about == About::Bound).count();
@@ -184,7 +184,8 @@ fn place(about: About) -> &'static str {
         | About::NoNoise
         | About::Untested
         | About::NotMeasured
-        | About::Bridged => "residuals",
+        | About::Bridged
+        | About::Regressors => "residuals",
     }
 }
 

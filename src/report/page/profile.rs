@@ -4,7 +4,7 @@ use super::document::{Head, frame};
 use super::headline::judgement;
 use super::number::shown;
 use super::section::{Section, Trust};
-use crate::profile::{Verdict, figure, remark, told, verdict};
+use crate::profile::{Verdict, figure, remarks, told, verdict};
 use fdm_results::documents::profile::{End, Profile};
 use fdm_results::documents::{digits_by_error, digits_of_end};
 use maud::{Markup, html};
@@ -23,13 +23,8 @@ pub fn profile_page(model: &str, profiles: &[Profile]) -> String {
             },
         ),
     ];
-    let ends =
-        || profiles.iter().flat_map(|p| p.ends.iter().zip(["left", "right"]).map(move |(end, side)| (p, *end, side)));
-    let points: Vec<(String, &'static str)> = ends()
-        .map(|(p, end, side)| remark(p, end, side))
-        .filter(|said| !said.is_empty())
-        .map(|said| (said.trim_end().to_string(), "intervals"))
-        .collect();
+    let said = profiles.iter().flat_map(remarks);
+    let points = said.map(|said| (said.trim_end().to_string(), "intervals")).collect();
     let Verdict { bounded, sentence } = verdict(profiles);
     let trust = if bounded { Trust::Good } else { Trust::Reserved };
     let verdict = judgement((trust, sentence, points), None, &["intervals"]);

@@ -17,6 +17,15 @@ pub fn digits(v: f64, significant: usize) -> String {
     format!("{v:.decimals$}")
 }
 
+/// A measure with so many decimals, `-` where it has no value; from a thousand on, as where a response is lost, with four significant digits.
+pub fn fixed(value: Option<f64>, decimals: usize) -> String {
+    match value.filter(|v| v.is_finite()) {
+        None => "-".into(),
+        Some(v) if v.abs() < 1000.0 => format!("{v:.decimals$}"),
+        Some(v) => digits(v, 4),
+    }
+}
+
 /// Significant digits of a value that show two of its error: between `least` and 12; none without an error, or for a value of zero.
 pub fn digits_by_error(value: f64, error: f64, least: usize) -> Option<usize> {
     let ratio = (value / error).abs();
@@ -41,6 +50,12 @@ mod tests {
     #[test]
     fn what_is_no_number_is_not_printed_as_one() {
         assert_eq!(digits(f64::NAN, 3), "not determined");
+    }
+
+    #[test]
+    fn measures_have_their_decimals_until_they_are_lost() {
+        let shown = [Some(0.99954), Some(-59.01239), Some(-2.056_457e72), Some(f64::NAN), None].map(|v| fixed(v, 4));
+        assert_eq!(shown, ["0.9995", "-59.0124", "-2.056e72", "-", "-"]);
     }
 
     #[test]

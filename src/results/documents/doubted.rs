@@ -33,7 +33,7 @@ pub(super) fn sentence(doubted: &DoubtedInitials) -> Option<String> {
     let then = if moved.is_empty() { String::new() } else { format!("; then {}", moved.join(", ")) };
     let gain = digits(doubted.gain, 3);
     Some(format!(
-        "the record begins {}: write `state {};`, log-likelihood +{gain}{then}; where the stated values hold before the record, say when: --begin TIME",
+        "the record begins {}: write `state {};`, log-likelihood +{gain}{then}",
         told.join("; "),
         free.join(", ")
     ))

@@ -22,6 +22,9 @@ pub struct Profile {
     pub bound: bool,
     /// Where the cost has risen so much, below and above.
     pub ends: [End; 2],
+    /// Other parameters that stand at their bounds beside each end: the curve has a corner where one gets there.
+    #[serde(default, skip_serializing_if = "none_held")]
+    pub held: [Vec<AtBound>; 2],
     /// The interval by the error.
     pub by_error: [f64; 2],
     /// Values and the rise of the cost there, by value; with the estimates of the other parameters.
@@ -46,6 +49,15 @@ pub enum End {
     Interrupted(f64),
 }
 
+/// A parameter at its bound.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct AtBound {
+    /// Its name, and its run where it has one.
+    pub name: String,
+    /// The bound.
+    pub bound: f64,
+}
+
 /// One value and the best fit with it.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 pub struct Point {
@@ -61,6 +73,10 @@ pub struct Point {
 pub fn reach(error: f64, factor: f64, rise: f64) -> f64 {
     // the rise is half the square of so many Cramer-Rao errors
     error / factor * (2.0 * rise).sqrt()
+}
+
+fn none_held(held: &[Vec<AtBound>; 2]) -> bool {
+    held.iter().all(Vec::is_empty)
 }
 
 impl Profile {

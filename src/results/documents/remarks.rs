@@ -6,8 +6,8 @@ use super::doubted;
 use super::equal_minima::equal_minima;
 use fdm_estimate::residuals::{Cause, InputCorrelation, NoiseVariation, OutputFit, OutputQuality, Trend, Unexplained};
 use fdm_estimate::{
-    Curvature, Estimate, Fit, InputInterpolation, LONG_RUN, NoiseColour, ParameterEstimate, SpectralFit, Status,
-    Termination, Uncorrected,
+    Curvature, Estimate, Fit, InputInterpolation, LONG_RUN, NoiseColour, ParameterEstimate, SpectralColour,
+    SpectralFit, Status, Termination, Uncorrected,
 };
 use fdm_numeric::statistics::Student;
 use serde::{Deserialize, Serialize};
@@ -65,6 +65,8 @@ pub enum About {
     NotMeasured,
     /// Channels whose gaps were bridged before they were transformed.
     Bridged,
+    /// Measured records that drive the equations, whose noise the errors allow for.
+    Regressors,
 }
 
 impl About {
@@ -81,13 +83,13 @@ impl About {
             Self::Correlated => 7,
             Self::Prior | Self::Table => 8,
             Self::Iteration => 9,
-            Self::NoNoise | Self::Untested | Self::NotMeasured | Self::Bridged | Self::Short => 10,
+            Self::NoNoise | Self::Untested | Self::NotMeasured | Self::Bridged | Self::Short | Self::Regressors => 10,
         }
     }
 
     /// Whether it may change what is decided with a result. The others say how it came about, or what was not possible.
     pub fn speaks_against(self) -> bool {
-        !matches!(self, Self::Table | Self::Iteration | Self::Untested | Self::Bridged | Self::Short)
+        !matches!(self, Self::Table | Self::Iteration | Self::Untested | Self::Bridged | Self::Short | Self::Regressors)
     }
 
     /// What to do about it, where the sentence does not say so itself.
@@ -116,7 +118,8 @@ impl About {
             | Self::Colour
             | Self::Noise
             | Self::Untested
-            | Self::Bridged => return None,
+            | Self::Bridged
+            | Self::Regressors => return None,
         })
     }
 }
@@ -144,7 +147,7 @@ impl fmt::Display for Remark {
 
 /// Correlations beyond this are worth a line where an error suffers from them: with the partner known it would be less than half.
 const CORRELATED: f64 = 0.9;
-/// Standard error beside a value above which the value is not reliable (Tischler and Remple 2012, section 12.3.3: Cramer-Rao bounds of at most 20 %).
+/// Standard error beside a value above which the value is not reliable (Tischler and Remple 2012: Cramer-Rao bounds of at most 20 %).
 const RELIABLE: f64 = 0.2;
 /// Bias that was removed, in standard errors, that is worth a line.
 const BIASED: f64 = 0.3;
@@ -251,23 +254,32 @@ fn biased(estimate: &Estimate) -> Vec<String> {
 pub fn spectral_remarks(fit: &SpectralFit) -> Vec<Remark> {
     let mut remarks = estimate_remarks(&fit.estimate);
     if !fit.measured_regressors.is_empty() {
-        let varies = fit.estimate.noise_variation.iter().any(NoiseVariation::is_significant);
-        let said = match varies {
-            true => {
-                "noise that varies stands in measured regressors too, for which the errors do not allow: intervals may hold much \
-                     less often than in 95 of 100 cases; `--domain time` needs no such regressors"
-            }
-            false => {
-                "the model's equations are driven by measured records, noise included: estimates are a little biased, and \
-                      intervals hold in 95 of 100 cases only as far as that noise is small and white; `--domain time` needs no such \
-                      regressors"
-            }
-        };
-        remarks.push(Remark::new(About::Intervals, said.into()));
+        let (about, said) = regressors(&fit.estimate);
+        remarks.push(Remark::new(about, said.into()));
     }
     let bridged = fit.bridged.iter().map(|b| Remark::new(About::Bridged, BridgeDocument::of(b).sentence()));
     remarks.extend(bridged);
     remarks
+}
+
+/// What it means that measured records stand in the equations: their noise is allowed for as far as it is white and of one size, as the residuals say.
+fn regressors(estimate: &Estimate) -> (About, &'static str) {
+    let varies = estimate.noise_variation.iter().any(NoiseVariation::is_significant);
+    let white = estimate.uncorrected.is_none() && estimate.spectral_colours.iter().all(SpectralColour::is_white);
+    match (varies, white) {
+        (true, _) => (
+            About::Intervals,
+            "noise that varies stands in measured regressors too, for which the errors do not allow: intervals may hold much less often than in 95 of 100 cases; `--domain time` needs no such regressors",
+        ),
+        (false, false) => (
+            About::Intervals,
+            "the model's equations are driven by measured records, noise included: estimates are a little biased, and intervals hold in 95 of 100 cases only as far as that noise is small and white; `--domain time` needs no such regressors",
+        ),
+        (false, true) => (
+            About::Regressors,
+            "the model's equations are driven by measured records: their noise is white as far as the residuals tell, and errors allow for it",
+        ),
+    }
 }
 
 /// Remarks of a fit in the time domain: what should not be overlooked of its estimates and of its runs.
@@ -281,6 +293,7 @@ pub fn fit_remarks(fit: &Fit) -> Vec<Remark> {
     remarks.extend(estimate_remarks(&fit.estimate));
     remarks.extend(equal_minima(fit).into_iter().map(|said| Remark::new(About::Minima, said)));
     remarks.extend(fit.interpolations.iter().filter_map(interpolation));
+    remarks.extend(not_compared(&fit.uncompared_inputs));
     if !fit.loss.is_squares() {
         let said =
             format!("estimated by {} in place of squares: the noise covariance is that of pseudo-values", fit.loss);
@@ -323,6 +336,17 @@ fn not_explained(found: &Unexplained) -> String {
         (Some(r2), None, None) => format!("{name} is not explained by the model ({r2}): its response does not move"),
         (None, ..) => format!("{name} never changes in the record, and is not what the model says"),
     }
+}
+
+/// Inputs about which nobody said how they go between samples, where that was not compared.
+fn not_compared(inputs: &[String]) -> Option<Remark> {
+    let first = inputs.first()?;
+    let names = inputs.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ");
+    let said = format!(
+        "whether {names} went held between samples or in straight lines was not compared: that is done by output error with squares and noise of one \
+         size; say which: `--zoh {first}` or `--linear {first}`"
+    );
+    Some(Remark::new(About::Untested, said))
 }
 
 /// What the record says of an input about which nobody said how it goes between samples, where the fit has it the other way or it matters.
@@ -510,7 +534,7 @@ fn few(estimate: &Estimate) -> Option<Remark> {
         _ if short && !estimate.colours.iter().all(NoiseColour::is_white) => Some(Remark::new(
             About::Intervals,
             format!(
-                "{most} samples tell the colour of their noise only as one of a few simple kinds: if it grows on towards low frequencies, 1/f, about 90 % of such intervals hold"
+                "{most} samples tell the colour of their noise only as one of a few kinds: of what is slower than the record they say nothing, and the errors are the least that agrees with it"
             ),
         )),
         _ => None,
@@ -523,16 +547,29 @@ fn curved(estimate: &Estimate, c: &Curvature) -> String {
     let own = |k: usize| estimate.parameters[k].name == c.parameter && estimate.parameters[k].run == c.run;
     let partner = |(a, b, _): &(usize, usize, f64)| if own(*a) { Some(*b) } else { own(*b).then_some(*a) };
     let pairs = estimate.correlated(CORRELATED);
-    let partners: Vec<String> =
-        pairs.iter().filter_map(partner).take(MOST_PAIRS).map(|k| called(&estimate.parameters[k])).collect();
+    // what has a line of its own needs none here
+    let told = |k: &usize| {
+        let p = &estimate.parameters[*k];
+        estimate.curvature.iter().any(|c| c.parameter == p.name && c.run == p.run)
+    };
+    let partners: Vec<String> = pairs
+        .iter()
+        .filter_map(partner)
+        .filter(|k| !told(k))
+        .take(MOST_PAIRS)
+        .map(|k| called(&estimate.parameters[k]))
+        .collect();
     let like = if partners.is_empty() { String::new() } else { format!("; {} likewise", partners.join(", ")) };
-    format!(
-        "the likelihood is curved: the interval of {} holds in about {:.0} of 100 cases; its profile gives {} to {}{like} (`fdm profile`)",
-        named(&c.parameter, c.run.as_deref()),
-        100.0 * c.holds,
-        end(c.interval[0]),
-        end(c.interval[1]),
-    )
+    let name = named(&c.parameter, c.run.as_deref());
+    let wrong = match c.is_narrow() {
+        true => format!("the interval of {name} holds in about {:.0} of 100 cases", 100.0 * c.holds),
+        false => format!("the interval of {name} reaches much further than the data allow"),
+    };
+    let profile = match c.interval {
+        [None, None] => "its profile has no end within twenty standard errors".to_string(),
+        [low, high] => format!("its profile gives {} to {}", end(low), end(high)),
+    };
+    format!("the likelihood is curved: {wrong}; {profile}{like} (`fdm profile`)")
 }
 
 /// Noise of spectra that grows on towards frequencies below those that were compared is not known from them.
@@ -543,7 +580,7 @@ fn steep(estimate: &Estimate) -> Vec<String> {
         return Vec::new();
     }
     vec![format!(
-        "noise of {} is stronger at low frequencies: its power within one bin is not known, and 85 to 95 % of such intervals hold",
+        "noise of {} is stronger at low frequencies: its power within one bin is not known, and fewer than 95 % of such intervals hold",
         names.join(", ")
     )]
 }

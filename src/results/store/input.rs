@@ -1,34 +1,12 @@
 //! Files that are read whole because somebody, or another file, has named them: of a kind that ends, and of a size that is read.
 
-use std::fs::{self, File};
+use fdm_readers::open_input;
 use std::io::{self, Read};
 use std::path::Path;
 
 /// Most bytes of a text that is read whole: tables, plans and problems. A plan of a million tasks has a tenth of it; larger ones are
 /// records, which have a reader of their own.
 pub const MOST_BYTES: u64 = 1 << 30;
-
-/// Opens what is to be read whole: a file on a disk, or a pipe that the shell or a program before has opened.
-///
-/// # Errors
-/// Of the file system; for directories, for pipes with names, on which reading may wait for ever, and for devices and sockets, which
-/// may have no end.
-pub fn open_input(path: &Path) -> io::Result<File> {
-    let about = fs::metadata(path)?;
-    let refused = |what: &str| Err(io::Error::other(what));
-    if about.is_dir() {
-        return refused("is a directory, not a file");
-    }
-    if is_pipe(&about) {
-        let opened = |path: &Path| path.starts_with("/dev") || path.starts_with("/proc");
-        if !opened(path) && !path.canonicalize().is_ok_and(|place| opened(&place)) {
-            return refused("is a named pipe, from which reading may wait for ever, not a file");
-        }
-    } else if !about.is_file() {
-        return refused("is a device or a socket, which may have no end, not a file");
-    }
-    File::open(path)
-}
 
 /// The bytes of an input file ([`open_input`]).
 ///
@@ -51,19 +29,10 @@ pub fn read_input_text(path: &Path) -> io::Result<String> {
     String::from_utf8(read_input(path)?).map_err(|_| io::Error::new(io::ErrorKind::InvalidData, "is not UTF-8 text"))
 }
 
-#[cfg(unix)]
-fn is_pipe(about: &fs::Metadata) -> bool {
-    std::os::unix::fs::FileTypeExt::is_fifo(&about.file_type())
-}
-
-#[cfg(not(unix))]
-fn is_pipe(_: &fs::Metadata) -> bool {
-    false
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs;
 
     #[test]
     fn only_what_ends_is_read() {

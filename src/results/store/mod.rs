@@ -36,7 +36,7 @@ pub use faults::fail_at;
 pub use file::{admits, clock_of, end_of_links, make_folder, write_file, write_new_file};
 pub use fingerprint::fingerprint;
 pub use identity::{Difference, Identity};
-pub use input::{MOST_BYTES, open_input, read_input, read_input_text};
+pub use input::{MOST_BYTES, read_input, read_input_text};
 pub use manifest::{DataFile, KeptFile, Manifest};
 pub use program::program_fingerprint;
 pub use progress::ProgressFile;

@@ -271,6 +271,7 @@ impl<'a> Comparison<'a> {
                     let event = &self.layout.events[at];
                     format!("{} behind event {}", state(event.states[k - event.first] as usize), at + 1)
                 }
+                None if self.layout.events.is_empty() => format!("kink {} of the rates", k + 1),
                 None => format!("the condition of event {}", k + 1),
             }
         }

@@ -23,10 +23,22 @@ pub(crate) struct Lead {
     driven: usize,
 }
 
+/// Lengths of a record beyond which a beginning in front of it cannot be meant: what changes by a hundredth within the record, about the least that is seen
+/// there, has decayed to `exp(-0.01*1000) = 5e-5` by then. Clocks that count from 1970 or from when a logger was switched on are further off.
+const FARTHEST: f64 = 1000.0;
+
+/// How many lengths of a record (rising times) a beginning lies in front of it, where that is too many.
+pub(super) fn too_far(time: &[f64], begin: f64) -> Option<f64> {
+    let (first, last) = (*time.first()?, *time.last()?);
+    // a single sample has no length
+    let times = (first - begin) / (last - first);
+    (last > first && times > FARTHEST).then_some(times)
+}
+
 /// What stands in front of the first of these samples (times as in the file, at least one) that is compared.
 ///
 /// # Errors
-/// A beginning that is no number, behind the first sample, or of a model that knows no time.
+/// A beginning that is no number, behind the first sample, too far in front of it, or of a model that knows no time.
 pub(crate) fn lead(time: &[f64], options: &ReadOptions, timed: bool) -> Result<Lead, Vec<Problem>> {
     let Some(begin) = options.beginning() else { return Ok(Lead { begin: None, extra: false, driven: 0 }) };
     let first = time.first().copied().unwrap_or(f64::NAN);
@@ -36,6 +48,12 @@ pub(crate) fn lead(time: &[f64], options: &ReadOptions, timed: bool) -> Result<L
     if !begin.is_finite() || begin > first {
         let fault = Fault::BeginBehind { begin: begin.to_string(), first: first.to_string() };
         return Err(vec![fault.anywhere().hint(format!("--from {begin} cuts the record there"))]);
+    }
+    if let Some(times) = too_far(time, begin) {
+        let (begin, times) = (begin.to_string(), format!("{times:.0}"));
+        let fault = Fault::BeginFar { begin, first: first.to_string(), times };
+        let hint = format!("where the clock's own 0 means nothing, leave it out or write --begin {first}");
+        return Err(vec![fault.anywhere().hint(hint)]);
     }
     let from = options.from.unwrap_or(f64::NEG_INFINITY);
     Ok(Lead { begin: Some(begin), extra: begin < first, driven: time.iter().take_while(|t| **t < from).count() })

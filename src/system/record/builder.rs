@@ -1,6 +1,6 @@
 //! Samples in memory become a [`Run`]: channels by name in any order, every mistake named at once.
 
-use super::beginning::Lead;
+use super::beginning::{Lead, too_far};
 use super::channel::{Channel, Role, channels};
 use super::derived::{self, Incomplete};
 use super::error::{Names, excerpt};
@@ -305,6 +305,9 @@ impl<'m> RunBuilder<'m> {
             self.begin.filter(|begin| times.first().is_some_and(|first| begin > first) || begin.is_nan())
         {
             faults.push(RunFault::BeginBehind { begin: begin.to_string(), first: times[0].to_string() });
+        } else if let Some((begin, lengths)) = self.begin.and_then(|begin| Some((begin, too_far(times, begin)?))) {
+            let first = times[0].to_string();
+            faults.push(RunFault::BeginFar { begin: begin.to_string(), first, lengths: format!("{lengths:.0}") });
         } else if let Some(time) = conversion.and_then(|(scale, _)| {
             let origin = self.begin.or(times.first().copied())?;
             since(origin, times.to_vec(), scale)
@@ -594,6 +597,19 @@ pub enum RunFault {
         begin: String,
         /// Time of the first sample.
         first: String,
+    },
+    /// A beginning further in front of the record than can be meant.
+    #[error(
+        "the run begins at {begin}, {lengths} times its length in front of its first sample at {first}: nothing of what begins there is left in it; \
+         where the clock's own 0 means nothing, leave the beginning out"
+    )]
+    BeginFar {
+        /// The beginning.
+        begin: String,
+        /// Time of the first sample.
+        first: String,
+        /// The distance over the length of the record, as text.
+        lengths: String,
     },
     /// The run cannot drive the model.
     #[error(transparent)]

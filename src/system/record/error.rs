@@ -372,6 +372,18 @@ pub enum Fault {
         /// Time of the first sample, as text.
         first: String,
     },
+    /// `--begin` further in front of the record than can be meant.
+    #[error(
+        "--begin {begin} lies {times} times the length of the record in front of its first sample, at {first}: nothing of what begins there is left in it"
+    )]
+    BeginFar {
+        /// The beginning, as text.
+        begin: String,
+        /// Time of the first sample, as text.
+        first: String,
+        /// The distance over the length of the record, as text.
+        times: String,
+    },
     /// `--begin` of a model without states and without time.
     #[error("--begin: the model has no states and does not know the time, so that its runs have no beginning")]
     BeginUntimed,

@@ -163,8 +163,12 @@ fn of_taken(taken: Taken) -> Numbers {
     let held = taken.columns.iter().filter_map(|c| Some((c.name.clone(), c.hold?))).collect();
     let plain = |name: &str, unit: Option<String>| Heading { title: name.into(), name: name.into(), unit };
     let time = taken.time.map(|time| (plain("t", Some("s".into())), time));
+    let timed = time.iter().map(|_| Vec::new());
+    let sampled = timed.chain(taken.columns.iter().map(|c| c.sampled.clone())).collect();
     let columns = taken.columns.into_iter().map(|c| (plain(&c.name, c.unit), c.values));
-    Numbers::new(time.into_iter().chain(columns).collect(), held)
+    let mut numbers = Numbers::new(time.into_iter().chain(columns).collect(), held);
+    numbers.sampled = sampled;
+    numbers
 }
 
 /// The columns of a text file that a map names, and its time.

@@ -41,5 +41,4 @@ pub use read::{ChannelSource, Sampling, Summary, read, read_all, read_each};
 pub use run::Run;
 pub use run::{Cursor, Place};
 pub use table::{Delimiter, Dialect, Mark};
-pub(crate) use text::is_named_pipe;
 pub use write::{Column, write, write_to};

@@ -263,7 +263,7 @@ fn finish(
     (holds, lead): (Holds, &Lead),
     notes: &mut Vec<Note>,
 ) -> Result<Run, Vec<Problem>> {
-    let Samples { time, inputs, mut measured, .. } = samples;
+    let Samples { time, inputs, mut measured, unsampled, .. } = samples;
     let count = time.len();
     let origin = lead.begin.or(time.first().copied()).unwrap_or_default();
     let mut time = match (plan.time.as_ref().map(|source| since(origin, time, source.scale)), channels.timed) {
@@ -277,7 +277,9 @@ fn finish(
     let Holds { mut held, mut stated, .. } = holds;
     held.resize(m, false);
     stated.resize(m, true);
-    let output_gaps = (0..q).map(|k| measured.iter().skip(k).step_by(q).filter(|v| v.is_nan()).count()).collect();
+    let gaps = |k: usize| measured.iter().skip(k).step_by(q).filter(|v| v.is_nan()).count();
+    // at the times of other sensors, and at the edges of commands, nothing is missing
+    let output_gaps = (0..q).map(|k| gaps(k) - unsampled.get(k).copied().unwrap_or(0)).collect();
     if !channels.timed {
         derived::compare_not(&inputs, m, &mut measured, q);
     }

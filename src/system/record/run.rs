@@ -22,7 +22,7 @@ pub struct Run {
     pub measured: Vec<f64>,
     /// Cells of each input that were empty (m).
     pub input_gaps: Vec<usize>,
-    /// Cells of each output that were empty (q).
+    /// Cells of each output that were empty (q); not those of samples at the times of other sensors, or at the edges of commands.
     pub output_gaps: Vec<usize>,
 }
 
@@ -46,31 +46,6 @@ impl Run {
     pub fn is_compared(&self, sample: usize) -> bool {
         let q = self.output_gaps.len();
         self.measured[sample * q..(sample + 1) * q].iter().any(|v| !v.is_nan())
-    }
-
-    /// The run without the samples in which nothing was measured, where the others are sampled evenly and all together are not: the edges of
-    /// inputs that were held on another clock. What needs even samples takes such inputs at the samples of the outputs.
-    pub fn at_outputs(&self) -> std::borrow::Cow<'_, Self> {
-        use super::even_grid::{EvenGrid, NotEven};
-        let n = self.len();
-        if EvenGrid::of(&self.time) != Err(NotEven::Uneven) || (0..n).all(|k| self.is_compared(k)) {
-            return std::borrow::Cow::Borrowed(self);
-        }
-        let kept: Vec<usize> = (0..n).filter(|k| self.is_compared(*k)).collect();
-        let time: Vec<f64> = kept.iter().map(|k| self.time[*k]).collect();
-        if EvenGrid::of(&time).is_err() {
-            return std::borrow::Cow::Borrowed(self);
-        }
-        let rows = |values: &[f64], width: usize| -> Vec<f64> {
-            kept.iter().flat_map(|k| values[k * width..(k + 1) * width].iter().copied()).collect()
-        };
-        let (m, q) = (self.inputs.len() / n, self.measured.len() / n);
-        std::borrow::Cow::Owned(Self {
-            time,
-            inputs: rows(&self.inputs, m),
-            measured: rows(&self.measured, q),
-            ..self.clone()
-        })
     }
 
     /// Whether an output (by index) has a value in any sample.

@@ -19,6 +19,8 @@ pub(crate) struct Samples {
     pub(crate) inputs: Vec<f64>,
     /// Outputs (N by q).
     pub(crate) measured: Vec<f64>,
+    /// Samples of each output without a value at which its sensor was not sampled (q, or nothing).
+    pub(crate) unsampled: Vec<usize>,
     /// Times of the first and last row of the file.
     pub(crate) span: Option<(f64, f64)>,
     /// Rows that repeat the row before, and the line of the first.
@@ -253,9 +255,16 @@ impl Collector<'_> {
             let value = self.channel(source, row, record);
             self.samples.inputs.push(value);
         }
-        for source in &plan.outputs {
+        self.samples.unsampled.resize(plan.outputs.len(), 0);
+        for (k, source) in plan.outputs.iter().enumerate() {
             let value = source.as_ref().map_or(f64::NAN, |s| self.channel(s, row, record));
             self.samples.measured.push(value);
+            if let (Cells::Numbers(numbers, at), Some(s)) = (record, source)
+                && value.is_nan()
+                && !numbers.is_sampled(s.column, at)
+            {
+                self.samples.unsampled[k] += 1;
+            }
         }
     }
 

@@ -35,12 +35,19 @@ pub(crate) struct Numbers {
     pub(crate) columns: Vec<Vec<f64>>,
     /// Channels whose values hold until the next.
     pub(crate) held: Vec<(String, bool)>,
+    /// By column, in which rows its sensor was sampled; nothing where in all of them.
+    pub(crate) sampled: Vec<Vec<bool>>,
 }
 
 impl Numbers {
     pub(crate) fn new(columns: Vec<(Heading, Vec<f64>)>, held: Vec<(String, bool)>) -> Self {
         let (headings, columns) = columns.into_iter().unzip();
-        Self { headings, columns, held }
+        Self { headings, columns, held, sampled: Vec::new() }
+    }
+
+    /// Whether the sensor of a column was sampled in a row: where it was not, nothing is missing.
+    pub(crate) fn is_sampled(&self, column: usize, row: usize) -> bool {
+        self.sampled.get(column).and_then(|sampled| sampled.get(row)).is_none_or(|sampled| *sampled)
     }
 
     /// Number of samples.

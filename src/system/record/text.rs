@@ -3,7 +3,7 @@
 
 use super::error::{Fault, Problem};
 use super::table::Mark;
-use fdm_readers::unzipped;
+use fdm_readers::{InputError, open_input, unzipped};
 use std::fs::File;
 use std::io::Read;
 use std::ops::Range;
@@ -21,18 +21,15 @@ pub(crate) fn load(path: &Path) -> Result<Vec<u8>, Problem> {
     if path == Path::new("-") {
         return standard_input().map(<[u8]>::to_vec).map_err(|e| Fault::Unreadable(e.clone()).anywhere());
     }
-    let about = std::fs::metadata(path).map_err(refused)?;
-    if about.is_dir() {
-        return Err(Fault::Directory.anywhere());
-    }
-    if !about.is_file() && !is_pipe(&about) {
-        return Err(Fault::Device.anywhere());
-    }
-    if is_named_pipe(path) {
-        return Err(Fault::NamedPipe.anywhere());
-    }
-    let mut bytes = Vec::with_capacity(about.len().min(LIMIT) as usize);
-    File::open(path).and_then(|file| file.take(LIMIT + 1).read_to_end(&mut bytes)).map_err(refused)?;
+    let file = open_input(path).map_err(|e| match e {
+        InputError::System(e) => refused(e),
+        InputError::Directory => Fault::Directory.anywhere(),
+        InputError::NamedPipe => Fault::NamedPipe.anywhere(),
+        InputError::Device => Fault::Device.anywhere(),
+    })?;
+    let length = file.metadata().map_or(0, |about| about.len().min(LIMIT));
+    let mut bytes = Vec::with_capacity(length as usize);
+    file.take(LIMIT + 1).read_to_end(&mut bytes).map_err(refused)?;
     if bytes.len() as u64 > LIMIT { Err(Fault::TooLarge(LIMIT).anywhere()) } else { unpacked(bytes) }
 }
 
@@ -71,24 +68,6 @@ pub(crate) fn reason(error: &std::io::Error) -> String {
         std::io::ErrorKind::PermissionDenied => "permission denied".into(),
         _ => error.to_string(),
     }
-}
-
-/// Whether a path names a pipe in a folder. Those that the shell or a program before has opened already stand below `/dev` and `/proc`.
-pub(crate) fn is_named_pipe(path: &Path) -> bool {
-    let open = |path: &Path| path.starts_with("/dev") || path.starts_with("/proc");
-    std::fs::metadata(path).is_ok_and(|about| is_pipe(&about))
-        && !open(path)
-        && !path.canonicalize().is_ok_and(|place| open(&place))
-}
-
-#[cfg(unix)]
-fn is_pipe(about: &std::fs::Metadata) -> bool {
-    std::os::unix::fs::FileTypeExt::is_fifo(&about.file_type())
-}
-
-#[cfg(not(unix))]
-fn is_pipe(_: &std::fs::Metadata) -> bool {
-    false
 }
 
 /// Bytes to text in which comment lines are blank, so that lines keep their numbers. When the first row holds numbers

@@ -1,12 +1,13 @@
 //! Chooses method and steps of a run: the least work that brings the integration error below 1e-8 of every output's range.
 //!
-//! The error of a response is its difference from that of half the steps. Explicit steps are doubled until the response stands still.
+//! The error of a response is what halving its steps says (`integration_error.rs`). Explicit steps are doubled until it stands still.
 //! When that takes more of them than an implicit step is worth, the model may be stiff, or quick in one place only: then both methods
 //! are tried with steps as long as accuracy allows (`step_control.rs`), and the cheaper one is taken. Work is counted in operations, not in
 //! seconds, so that the choice is always the same.
 
 use super::discrete::{self, Intervals};
-use super::error::{Divergence, MOST_IMPLICIT, Unsuited};
+use super::error::{MOST_IMPLICIT, Unsuited};
+use super::integration_error::{SOUND, TOLERANCE, UNSOUND, difference, integration_error, remaining, response};
 use super::simulator::Simulator;
 use super::step_control::{self, Probe, Scales};
 use super::steps::{Grid, Scheme, Steps};
@@ -115,6 +116,10 @@ struct Aim {
     enough: f64,
 }
 
+/// Work of a step that is cut at kinks where there are some, in whole steps: beside the rates at its four stages those at both ends, and the
+/// switching functions at five places.
+const WORK_OF_CUTTING: usize = 2;
+
 /// Halvings in a row that do not help, after which steps are not halved again: once is no rule, as a delayed kink that shares a
 /// step with a sample leaves it when the step is halved again.
 const STALLS: usize = 2;
@@ -180,18 +185,15 @@ impl Choice<'_> {
         let implicit = self.uneven(Scheme::Radau, self.most_uneven())?;
         let implicit = match implicit {
             Some(implicit) if implicit.error <= self.aim.enough => implicit,
-            rough => {
-                let explicit = self.explicit(MOST_STEPS)?;
-                let explicit = self.steadied(&explicit)?.unwrap_or(explicit);
-                return Ok(rough.filter(|implicit| implicit.error < explicit.error).unwrap_or(explicit));
-            }
+            rough => return self.finest(rough),
         };
         let worth = implicit.steps.total(samples) as f64 * self.work.radau / self.work.runge_kutta;
         let explicit = self.explicit((worth as usize).min(MOST_STEPS))?;
         let fewer =
             |explicit: &Accuracy| explicit.error <= self.aim.enough && explicit.steps.total(samples) as f64 <= worth;
         if !fewer(&explicit) {
-            return Ok(implicit);
+            let implicit = self.beside(implicit, &explicit)?;
+            return if implicit.error <= self.aim.enough { Ok(implicit) } else { self.finest(Some(implicit)) };
         }
         if let Some(steady) = self.steadied(&explicit)? {
             return Ok(if fewer(&steady) { steady } else { implicit });
@@ -199,6 +201,26 @@ impl Choice<'_> {
         // what is rough by both methods is the model, not its stability
         let rough = self.sensitivities_move(&explicit.steps)? <= 2.0 * self.sensitivities_move(&implicit.steps)?;
         Ok(if rough { explicit } else { implicit })
+    }
+
+    /// The best explicit steps, or the implicit ones that were found where these are better.
+    fn finest(&self, implicit: Option<Accuracy>) -> Result<Accuracy, Unsuited> {
+        let explicit = self.explicit(MOST_STEPS)?;
+        let explicit = self.steadied(&explicit)?.unwrap_or(explicit);
+        Ok(implicit.filter(|implicit| implicit.error < explicit.error).unwrap_or(explicit))
+    }
+
+    /// Implicit steps with the error that explicit ones show as well. An implicit step across a jump of the rates, and its halves, may settle
+    /// on one side of it and agree, far from the response; what two methods differ by, beyond what the other one may be wrong, is
+    /// an error of the one.
+    fn beside(&self, implicit: Accuracy, explicit: &Accuracy) -> Result<Accuracy, Unsuited> {
+        if self.dynamics.layout().kinks == 0 || explicit.error > UNSOUND {
+            return Ok(implicit);
+        }
+        let by = |steps: &Steps| response(self.dynamics, self.run, self.theta, steps);
+        let (Ok(a), Ok(b)) = (by(&implicit.steps)?, by(&explicit.steps)?) else { return Ok(implicit) };
+        let apart = difference(&a, &b, self.dynamics.layout().outputs);
+        Ok(Accuracy { error: implicit.error.max(apart - explicit.error), ..implicit })
     }
 
     /// The best explicit steps that are not more than `most`.
@@ -240,18 +262,42 @@ impl Choice<'_> {
         Ok(Some(Accuracy { steps, error }))
     }
 
-    /// Doubles the steps between samples until halving them moves nothing, or has not helped several times in a row: `unsound` responses
-    /// do not count there where they are no reason to stop.
+    /// Equal steps in all intervals, whole or cut at kinks: those that cost less, or reach more.
     fn equal(&self, scheme: Scheme, most: usize, unsound: bool) -> Result<Accuracy, Unsuited> {
-        let at = |per: usize| response(self.dynamics, self.run, self.theta, &Steps::equal(scheme, per));
+        let (whole, layout) = (Steps::equal(scheme, 1), self.dynamics.layout());
+        if scheme != Scheme::RungeKutta || layout.kinks == 0 {
+            return self.doubled(&whole, most, unsound);
+        }
+        // whole steps are tried first as far as cut ones cannot cost less, and then as far as they do not cost more
+        let cut = whole.clone().cut_at_kinks();
+        let good = |found: &Accuracy| found.error <= self.aim.tolerance;
+        let few = self.doubled(&whole, most.min(WORK_OF_CUTTING), unsound)?;
+        if good(&few) || most <= WORK_OF_CUTTING {
+            return Ok(few);
+        }
+        let cut = self.doubled(&cut, most / WORK_OF_CUTTING, unsound)?;
+        let worth = if good(&cut) { WORK_OF_CUTTING * cut.steps.most() } else { most };
+        let whole = self.doubled(&whole, worth, unsound)?;
+        Ok(if good(&whole) || whole.error < cut.error { whole } else { cut })
+    }
+
+    /// Doubles the steps in all intervals until halving them moves nothing, or has not helped several times in a row: `unsound` responses
+    /// do not count there where they are no reason to stop.
+    fn doubled(&self, kind: &Steps, most: usize, unsound: bool) -> Result<Accuracy, Unsuited> {
+        let scheme = kind.scheme();
+        let at = |per: usize| response(self.dynamics, self.run, self.theta, &kind.with_equal(per));
         let mut coarse = at(1)?;
-        let mut best = Accuracy { steps: Steps::equal(scheme, 1), error: f64::INFINITY };
+        let mut best = Accuracy { steps: kind.with_equal(1), error: f64::INFINITY };
         let (mut fine, mut stalls) = (2, 0);
+        let (mut before, mut ratios) = (f64::INFINITY, [0.0; 2]);
         while fine / 2 <= most && fine * self.run.len() <= MOST_STEPS && (self.goes_on)() {
             let next = at(fine)?;
             if let (Ok(a), Ok(b)) = (&coarse, &next) {
-                let steps = Steps::equal(scheme, fine / 2);
-                let error = halving(a, b, self.dynamics.layout().outputs, &steps);
+                let steps = kind.with_equal(fine / 2);
+                let off = difference(a, b, self.dynamics.layout().outputs);
+                ratios = [ratios[1], off / before];
+                before = off;
+                let error = remaining(scheme, off, &ratios);
                 stalls = if error > 0.7 * best.error && (error <= UNSOUND || !unsound) { stalls + 1 } else { 0 };
                 if error < best.error {
                     best = Accuracy { steps, error };
@@ -259,6 +305,8 @@ impl Choice<'_> {
                 if error <= self.aim.tolerance || stalls == STALLS {
                     break;
                 }
+            } else {
+                before = f64::INFINITY;
             }
             coarse = next;
             fine *= 2;
@@ -401,185 +449,11 @@ pub struct Accuracy {
     pub error: f64,
 }
 
-/// Integration errors below this part of an output's range are of no consequence to any estimate.
-pub(super) const TOLERANCE: f64 = 1e-8;
-/// Integration error, as a part of an output's range, that is good enough for a response that is looked at only, and
-/// for estimates from records with hardly any noise.
-pub const SOUND: f64 = 1e-6;
-/// A response with an integration error above this part of an output's range is none.
-pub const UNSOUND: f64 = 1e-3;
-
-/// Where a response is farthest from that with half of its steps.
-#[derive(Debug, Clone, PartialEq)]
-pub struct WorstError {
-    /// The output, by its place.
-    pub output: usize,
-    /// The sample.
-    pub sample: usize,
-    /// The integration error there, in the output's unit.
-    pub error: f64,
-    /// The integration error there, as a part of the output's range.
-    pub part: f64,
-    /// Root of the sum of the squares of the errors at all samples, in the output's unit.
-    pub norm: f64,
-    /// The state that is farthest off at that sample beside its own size; none where that is not known.
-    pub state: Option<usize>,
-}
-
-impl WorstError {
-    /// Where two responses (N by q each) are farthest apart that were computed with these steps and with half of them, output by output
-    /// as far as that is above `least` of their ranges; the worst first.
-    pub fn between(coarse: &[f64], fine: &[f64], outputs: usize, steps: &Steps, least: f64) -> Vec<Self> {
-        let removed = steps.scheme().part_removed_by_halving();
-        let mut found = Vec::new();
-        for output in 0..outputs {
-            let range = output_range(fine.iter().skip(output).step_by(outputs));
-            let pairs = coarse.iter().zip(fine).skip(output).step_by(outputs).map(|(a, b)| (a - b).abs());
-            let worst = pairs.clone().enumerate().max_by(|(i, a), (j, b)| a.total_cmp(b).then(j.cmp(i)));
-            let Some((sample, off)) = worst else { continue };
-            let error = off * removed;
-            if error > least * range {
-                let norm = removed * pairs.map(|off| off * off).sum::<f64>().sqrt();
-                found.push(Self { output, sample, error, part: error / range, norm, state: None });
-            }
-        }
-        found.sort_by(|a, b| b.part.total_cmp(&a.part));
-        found
-    }
-
-    /// Where the response with half of the steps is lost.
-    fn lost(place: Divergence, outputs: usize) -> Vec<Self> {
-        let Divergence { sample, state, .. } = place;
-        let lost = Self { output: 0, sample, error: f64::INFINITY, part: f64::INFINITY, norm: f64::INFINITY, state };
-        if outputs > 0 { vec![lost] } else { Vec::new() }
-    }
-}
-
-/// Where the response (N by q) with these steps is farthest from that with half of them, output by output as far as they are
-/// above `least` of their ranges; the worst first. Where the response with half of them is not finite, that place alone, with an
-/// infinite error.
-///
-/// # Errors
-/// [`Unsuited`] as for [`Simulator::new`].
-pub fn worst_errors(
-    dynamics: &dyn Dynamics,
-    run: &Run,
-    theta: &[f64],
-    steps: &Steps,
-    least: f64,
-) -> Result<Vec<WorstError>, Unsuited> {
-    let (n, q) = (dynamics.layout().states, dynamics.layout().outputs);
-    let finer = steps.halved();
-    let Ok(coarse) = response(dynamics, run, theta, steps)? else { return Ok(Vec::new()) };
-    let fine = match response(dynamics, run, theta, &finer)? {
-        Ok(fine) => fine,
-        Err(lost) => return Ok(WorstError::lost(lost, q)),
-    };
-    let states = |steps: &Steps| -> Result<Option<Vec<f64>>, Unsuited> {
-        let mut x = vec![0.0; run.len() * n];
-        let known = Simulator::new(dynamics, run, steps.clone())?.states(theta, &mut x);
-        Ok((known == Ok(true)).then_some(x))
-    };
-    let mut found = WorstError::between(&coarse, &fine, q, steps, least);
-    if !found.is_empty()
-        && let (Some(a), Some(b)) = (states(steps)?, states(&finer)?)
-    {
-        let size = |j: usize| b.iter().skip(j).step_by(n).fold(f64::MIN_POSITIVE, |s, x| s.max(x.abs()));
-        let sizes: Vec<f64> = (0..n).map(size).collect();
-        for worst in &mut found {
-            let off = |j: usize| (a[worst.sample * n + j] - b[worst.sample * n + j]).abs() / sizes[j];
-            worst.state = (0..n).max_by(|i, j| off(*i).total_cmp(&off(*j)).then(j.cmp(i)));
-        }
-    }
-    Ok(found)
-}
-
-/// Between the least and the greatest value of an output; of what does not move its size, or 1.
-pub fn output_range<'v>(values: impl Iterator<Item = &'v f64> + Clone) -> f64 {
-    let high = values.clone().copied().fold(f64::NEG_INFINITY, f64::max);
-    let low = values.copied().fold(f64::INFINITY, f64::min);
-    if high > low { high - low } else { high.abs().max(1.0) }
-}
-
-/// Integration error of a response with these steps, measured as in [`Accuracy::error`]; infinite when it, or that with half the
-/// steps, is not finite.
-///
-/// # Errors
-/// [`Unsuited`] as for [`Simulator::new`].
-pub fn integration_error(
-    dynamics: &dyn Dynamics,
-    run: &Run,
-    theta: &[f64],
-    steps: impl Into<Steps>,
-) -> Result<f64, Unsuited> {
-    let steps = steps.into();
-    if is_exact(dynamics, run, &steps) {
-        return Ok(0.0);
-    }
-    match response(dynamics, run, theta, &steps)? {
-        Ok(coarse) => error_of(dynamics, run, theta, &steps, &coarse),
-        Err(_) => Ok(f64::INFINITY),
-    }
-}
-
-/// Estimated integration error of a response (N by q) that is known.
-///
-/// # Errors
-/// As [`integration_error`].
-pub fn error_of(
-    dynamics: &dyn Dynamics,
-    run: &Run,
-    theta: &[f64],
-    steps: &Steps,
-    coarse: &[f64],
-) -> Result<f64, Unsuited> {
-    if is_exact(dynamics, run, steps) {
-        return Ok(0.0);
-    }
-    let Ok(fine) = response(dynamics, run, theta, &steps.halved())? else { return Ok(f64::INFINITY) };
-    Ok(halving(coarse, &fine, dynamics.layout().outputs, steps))
-}
-
-/// Whether halving the steps changes nothing.
-fn is_exact(dynamics: &dyn Dynamics, run: &Run, steps: &Steps) -> bool {
-    let layout = dynamics.layout();
-    let exact = matches!(steps.scheme(), Scheme::Recursion { .. }) && layout.delayed.is_empty();
-    exact || layout.states == 0 || run.len() < 2
-}
-
-/// The error of the coarse response, of which halving the steps removes all but one part in 2 to the power of the order.
-pub(super) fn halving(coarse: &[f64], fine: &[f64], outputs: usize, steps: &Steps) -> f64 {
-    difference(coarse, fine, outputs) * steps.scheme().part_removed_by_halving()
-}
-
-pub(super) fn response(
-    dynamics: &dyn Dynamics,
-    run: &Run,
-    theta: &[f64],
-    steps: &Steps,
-) -> Result<Result<Vec<f64>, Divergence>, Unsuited> {
-    let mut simulator = Simulator::new(dynamics, run, steps.clone())?;
-    simulator.suits(theta)?;
-    let mut y = vec![0.0; simulator.samples() * simulator.outputs()];
-    Ok(simulator.simulate(theta, &mut y).map(|()| y))
-}
-
-/// Largest difference of two responses, each output as a part of its range.
-fn difference(a: &[f64], b: &[f64], outputs: usize) -> f64 {
-    let mut worst = 0.0_f64;
-    for i in 0..outputs {
-        let column = |y: &'_ [f64]| y.iter().skip(i).step_by(outputs).copied().collect::<Vec<f64>>();
-        let (a, b) = (column(a), column(b));
-        let range = output_range(b.iter());
-        worst = a.iter().zip(&b).map(|(a, b)| (a - b).abs() / range).fold(worst, f64::max);
-    }
-    worst
-}
-
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
 
+    use super::super::integration_error::worst_errors;
     use super::*;
     use crate::model::Model;
 

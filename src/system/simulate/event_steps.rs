@@ -1,4 +1,4 @@
-//! Sensitivities across events, and where states meet or leave their limits: the exact derivative of the discrete response.
+//! Sensitivities across events and kinks, and where states meet or leave their limits: the exact derivative of the discrete response.
 //!
 //! Let a part of a step lead from x to `Phi(x, sigma)`, where the guard g is zero, and let r be the values behind the event. Then
 //! `sigma_theta = -(g_x S + g_theta)/(g_x Phi_sigma + g_t)` with S before the event at fixed sigma, and behind it
@@ -7,9 +7,9 @@
 //! of non-smooth mechanical systems, 2004, chapter 7).
 
 use super::blocks::Sink;
+use super::cuts::Turn;
 use super::error::Divergence;
 use super::events::{EventEntries, Follower, Jump, Part, Stretch, by_time, guard_rate};
-use super::limits::Turn;
 use super::runge_kutta::Sensitivity;
 use super::stops::take_back;
 use super::tangent::TangentPlan;
@@ -84,8 +84,9 @@ struct Memory {
     x: Vec<f64>,
     by_time: Vec<f64>,
     by_input: Vec<f64>,
-    /// Partials at an instant.
+    /// Partials at an instant; switching functions of the rates with theirs.
     partials: Aligned,
+    switches: Vec<f64>,
     /// Drive at a stage, rows behind an event (n by lanes), states that are held at the end of a part with their limits.
     rows: Aligned,
     held: Vec<(usize, usize)>,
@@ -99,6 +100,7 @@ impl Memory {
             stages: Aligned::new(4 * layout.stage.width),
             instant: Aligned::new(lanes),
             partials: Aligned::new(layout.stage.width),
+            switches: vec![0.0; if layout.kinks > 0 { layout.event_slots() } else { 0 }],
             by_length: vec![0.0; n],
             tangents: std::array::from_fn(|_| vec![0.0; n]),
             x: vec![0.0; n],
@@ -193,7 +195,21 @@ fn hold(stretch: &Stretch<'_>, (state, row): (usize, usize), s: &mut [f64], lane
     }
 }
 
-/// The sensitivities of a step that events or limits cut.
+/// A row of partials of `events_and_partials` times the sensitivities, and its own by the parameters (lanes).
+fn along(layout: &Layout, partials: &[f64], row: usize, s: &[f64], to: &mut [f64]) {
+    let (patterns, entries, lanes) = (&layout.patterns, EventEntries::new(layout), layout.stage.lanes);
+    to.fill(0.0);
+    for (k, j) in patterns.events_by_state.row(row) {
+        accumulate(partials[entries.by_state + k], &s[j * lanes..][..lanes], to);
+    }
+    for (k, j) in patterns.events_by_param.row(row) {
+        if let Some(lane) = layout.stage.lane[j] {
+            to[lane as usize] += partials[entries.by_param + k];
+        }
+    }
+}
+
+/// The sensitivities of a step that events, limits or kinks cut.
 struct Parts<'a> {
     plan: &'a TangentPlan,
     /// n by lanes.
@@ -230,10 +246,16 @@ impl Follower for Parts<'_> {
     fn turn(&mut self, stretch: &Stretch<'_>, turn: Turn, at: Point<'_>, work: &mut Workspace) {
         let Self { s, lanes, memory, .. } = self;
         let (layout, lanes) = (stretch.dynamics.layout(), *lanes);
-        let Turn { state, row, leaves } = turn;
-        let guard_grows = match leaves {
-            true => memory.rate_grows(stretch, (state, at), s, work),
-            false => {
+        let guard_grows = match turn {
+            Turn::Limit { state, leaves: true, .. } => memory.rate_grows(stretch, (state, at), s, work),
+            Turn::Kink { kink, growth } => {
+                stretch.dynamics.events_and_partials(at, &mut memory.switches, work);
+                along(layout, &memory.switches, kink, s, &mut memory.instant);
+                let (rate, size) = guard_rate(stretch, &memory.switches, kink, &memory.by_length);
+                let passes = rate.abs() > TOUCHES * growth && rate.abs() > CANCELS * size;
+                if passes { rate } else { 0.0 }
+            }
+            Turn::Limit { state, row, leaves: false } => {
                 memory.instant.copy_from_slice(&s[state * lanes..][..lanes]);
                 for (k, j) in layout.patterns.limits_by_param.row(row) {
                     if let Some(lane) = layout.stage.lane[j] {
@@ -243,38 +265,28 @@ impl Follower for Parts<'_> {
                 memory.by_length[state]
             }
         };
-        // a limit that is only touched has no instant: nothing moves then
+        // what is only touched has no instant: nothing moves then
         let scale = if guard_grows == 0.0 { 0.0 } else { -1.0 / guard_grows };
         memory.instant.iter_mut().for_each(|lane| *lane *= scale);
         for (by_length, row) in memory.by_length.iter().zip(s.chunks_exact_mut(lanes.max(1))) {
             accumulate(*by_length, &memory.instant, row);
         }
-        hold(stretch, (state, row), s, lanes);
+        if let Turn::Limit { state, row, .. } = turn {
+            hold(stretch, (state, row), s, lanes);
+        }
     }
 
     fn event(&mut self, stretch: &Stretch<'_>, jump: Jump<'_>) -> bool {
         let Self { s, lanes, memory, .. } = self;
         let (layout, lanes) = (stretch.dynamics.layout(), *lanes);
-        let (patterns, entries, partials) = (&layout.patterns, EventEntries::new(layout), jump.partials);
-        // a row of partials times the sensitivities, and its own by the parameters
-        let along = |row: usize, s: &[f64], to: &mut [f64]| {
-            to.fill(0.0);
-            for (k, j) in patterns.events_by_state.row(row) {
-                accumulate(partials[entries.by_state + k], &s[j * lanes..][..lanes], to);
-            }
-            for (k, j) in patterns.events_by_param.row(row) {
-                if let Some(lane) = layout.stage.lane[j] {
-                    to[lane as usize] += partials[entries.by_param + k];
-                }
-            }
-        };
+        let partials = jump.partials;
         if let Some(growth) = jump.growth {
             let (rate, size) = guard_rate(stretch, partials, jump.event, &memory.by_length);
             let passes = rate > TOUCHES * growth && rate > CANCELS * size;
             if !passes {
                 return false;
             }
-            along(jump.event, s, &mut memory.instant);
+            along(layout, partials, jump.event, s, &mut memory.instant);
             memory.instant.iter_mut().for_each(|lane| *lane /= -rate);
             for (by_length, row) in memory.by_length.iter().zip(s.chunks_exact_mut(lanes.max(1))) {
                 accumulate(*by_length, &memory.instant, row);
@@ -283,7 +295,7 @@ impl Follower for Parts<'_> {
         let sets = &layout.events[jump.event];
         for k in 0..sets.states.len() {
             let row = &mut memory.rows[k * lanes..][..lanes];
-            along(sets.first + k, s, row);
+            along(layout, partials, sets.first + k, s, row);
             accumulate(by_time(stretch, partials, sets.first + k), &memory.instant, row);
         }
         for (k, state) in sets.states.iter().enumerate() {

@@ -8,13 +8,13 @@
 //! ordinary differential equations I, II.6); the instant itself is a root of real steps, not of the interpolant.
 //! An event is armed while its guard is not above zero, and happens only when it is.
 
+use super::cuts::Turn;
 use super::error::{EventFault, MOST_EVENTS};
-use super::limits::Turn;
 use super::stops::take_back;
 use crate::dynamics::{Dynamics, Layout, Point, Step, Workspace};
 
 /// Parts of a step at which the interpolant is looked at.
-const LOOKS: [f64; 3] = [0.25, 0.5, 0.75];
+pub(super) const LOOKS: [f64; 3] = [0.25, 0.5, 0.75];
 /// Most trials until an instant is found; each at least halves the bracket in two.
 const MOST_TRIALS: usize = 200;
 
@@ -99,7 +99,7 @@ pub(super) trait Follower {
     /// Takes a part: its end goes to `next`.
     fn part(&mut self, stretch: &Stretch<'_>, part: Part<'_>, next: &mut [f64], work: &mut Workspace);
 
-    /// A state that meets or leaves its limit at the end of the part before, behind which everything stands at this point.
+    /// What cuts the step at the end of the part before, behind which everything stands at this point.
     fn turn(&mut self, stretch: &Stretch<'_>, turn: Turn, at: Point<'_>, work: &mut Workspace);
 
     /// An event at the end of the part before; false where its instant has no derivative.
@@ -357,12 +357,8 @@ impl Events {
             Looked::At(x) => x,
             Looked::End => &self.end,
             Looked::Between(begin, part) => {
-                let h = stretch.h - begin;
-                let (a, b) = (part * part * (3.0 - 2.0 * part), part * (1.0 - part));
-                for (i, x) in self.trial.x.iter_mut().enumerate() {
-                    let slopes = (1.0 - part) * self.slopes[0][i] - part * self.slopes[1][i];
-                    *x = self.start[i] + a * (self.end[i] - self.start[i]) + h * b * slopes;
-                }
+                let ([from, to], [first, last]) = ([&self.start, &self.end], [&self.slopes[0], &self.slopes[1]]);
+                between([from, to], [first, last], (part, stretch.h - begin), &mut self.trial.x);
                 &self.trial.x
             }
         };
@@ -430,6 +426,15 @@ impl Events {
         let Bracket { low, high, under, over } = root(guard, [low, high], [under, over], finest);
         let at = if under.abs() <= over.abs() { low } else { high };
         Some(Instant { event, at, left: under.abs() + over.abs(), repeats: false })
+    }
+}
+
+/// States (n) at a part of a step of length h, by the cubic through both ends and the rates there.
+pub(super) fn between([from, to]: [&[f64]; 2], rates: [&[f64]; 2], (part, h): (f64, f64), x: &mut [f64]) {
+    let (a, b) = (part * part * (3.0 - 2.0 * part), part * (1.0 - part));
+    for (i, x) in x.iter_mut().enumerate() {
+        let slopes = (1.0 - part) * rates[0][i] - part * rates[1][i];
+        *x = from[i] + a * (to[i] - from[i]) + h * b * slopes;
     }
 }
 

@@ -2,11 +2,12 @@
 //!
 //! Method and steps are chosen once ([`choose_steps`]) and then kept, so that the sensitivities are the exact derivative of the discrete
 //! response, not an approximation of the derivative of something else. A `Trajectory` is what every integrator advances: explicit
-//! steps (`runge_kutta.rs`; across events `events.rs`, cut at limits `limits.rs`), implicit ones for stiff models (`stiff`), models with delayed states (`delayed`), and linear models by exact
+//! steps (`runge_kutta.rs`; across events `events.rs`, cut at limits and kinks `cuts.rs`), implicit ones for stiff models (`stiff`), models with delayed states (`delayed`), and linear models by exact
 //! discretisation (`discrete`).
 
 mod blocks;
 mod choice;
+mod cuts;
 mod delayed;
 mod delayed_inputs;
 mod discrete;
@@ -14,7 +15,7 @@ mod drive;
 mod error;
 mod event_steps;
 mod events;
-mod limits;
+mod integration_error;
 mod observation;
 mod runge_kutta;
 mod simulator;
@@ -28,10 +29,10 @@ mod trajectory;
 
 pub use blocks::{Block, OutputRow, RowLayout, Sink};
 pub use blocks::{PlaneSink, Planes};
-pub use choice::{Accuracy, SOUND, UNSOUND, WorstError, error_of, integration_error, output_range, worst_errors};
-pub use choice::{StepOptions, choose_steps};
+pub use choice::{Accuracy, StepOptions, choose_steps};
 pub use drive::Course;
 pub use error::{Divergence, EventFault, Unsuited};
+pub use integration_error::{SOUND, UNSOUND, WorstError, error_of, integration_error, output_range, worst_errors};
 pub use simulator::Simulator;
 pub use single_step::SingleStep;
 pub use steps::Grid;

@@ -93,7 +93,7 @@ impl Sensitivity {
     /// A whole run for which the trajectory is prepared.
     pub(super) fn run(&mut self, trajectory: &mut Trajectory<'_>, sink: &mut Sink<'_>) -> Result<(), Divergence> {
         self.begin(&trajectory.known);
-        if trajectory.events.is_some() || trajectory.limits.is_some() {
+        if trajectory.events.is_some() || trajectory.cuts.is_some() {
             return event_steps::run(self, trajectory, sink);
         }
         dispatch(March { sensitivity: self, trajectory, sink })

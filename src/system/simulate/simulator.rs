@@ -130,7 +130,7 @@ impl<'a> Simulator<'a> {
         let integrator = Integrator::new(layout, &grid, steps.scheme(), History::new(layout).as_ref());
         let discrete = matches!(integrator, Integrator::Discrete(_));
         let drive = DriveTable::new(layout, run, &grid, &steps, discrete);
-        Ok(Self { trajectory: Trajectory::new(dynamics, run, grid, drive), integrator })
+        Ok(Self { trajectory: Trajectory::new(dynamics, run, (grid, drive), steps.are_cut()), integrator })
     }
 
     /// The run that is simulated.

@@ -20,6 +20,9 @@ pub(super) const NODES: [f64; STAGES] = [(4.0 - SQRT_6) / 10.0, (4.0 + SQRT_6) /
 pub struct Steps {
     scheme: Scheme,
     spacing: Spacing,
+    /// Whether explicit steps are cut where `max`, `min`, `abs` or `if` change their branch.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    cut: bool,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -40,7 +43,25 @@ impl From<usize> for Steps {
 impl Steps {
     /// As many equal steps in every interval, at least one.
     pub fn equal(scheme: Scheme, per_interval: usize) -> Self {
-        Self { scheme, spacing: Spacing::Equal(per_interval.max(1)) }
+        Self { scheme, spacing: Spacing::Equal(per_interval.max(1)), cut: false }
+    }
+
+    /// With cuts where rates have kinks: where `max`, `min`, `abs` or `if` change their branch, and at the knots of tables. Only
+    /// explicit steps are cut, of models without events and delays.
+    #[must_use]
+    pub fn cut_at_kinks(self) -> Self {
+        Self { cut: true, ..self }
+    }
+
+    /// Whether they are cut at kinks.
+    pub fn are_cut(&self) -> bool {
+        self.cut
+    }
+
+    /// As many equal steps in every interval instead.
+    #[must_use]
+    pub fn with_equal(&self, per_interval: usize) -> Self {
+        Self { spacing: Spacing::Equal(per_interval.max(1)), ..self.clone() }
     }
 
     /// For each interval the ends of its steps, as parts of the interval: rising, the last one is taken as 1.
@@ -58,7 +79,7 @@ impl Steps {
             ends.push(1.0);
             first.push(ends.len());
         }
-        Self { scheme, spacing: Spacing::Uneven { first, ends } }
+        Self { scheme, spacing: Spacing::Uneven { first, ends }, cut: false }
     }
 
     /// For each interval as many equal steps as asked for.
@@ -118,7 +139,13 @@ impl Steps {
                 Spacing::Uneven { first: first.iter().map(|f| 2 * f).collect(), ends: halves }
             }
         };
-        Self { scheme: self.scheme, spacing }
+        Self { spacing, ..self.clone() }
+    }
+
+    /// Steps of twice the length; none where their number in an interval is odd, or not that in every other.
+    pub(super) fn joined(&self) -> Option<Self> {
+        let per_interval = self.per_interval().filter(|per| per % 2 == 0)?;
+        Some(self.with_equal(per_interval / 2))
     }
 
     /// The steps of a part of the run, given by its samples.
@@ -128,7 +155,7 @@ impl Steps {
             Spacing::Equal(_) => self.clone(),
             Spacing::Uneven { .. } => {
                 let intervals = samples.start..samples.end.saturating_sub(1).max(samples.start);
-                Self::uneven(self.scheme, intervals.map(|k| self.ends(k)))
+                Self { cut: self.cut, ..Self::uneven(self.scheme, intervals.map(|k| self.ends(k))) }
             }
         }
     }
@@ -177,6 +204,7 @@ impl fmt::Display for Steps {
         match self.scheme {
             Scheme::Recursion { .. } if count == 1 => write!(f, "{}", self.scheme),
             Scheme::Recursion { .. } => write!(f, "{}, {count} step{plural}{place} for delayed inputs", self.scheme),
+            _ if self.cut => write!(f, "{count} {} step{plural}{place}, cut at kinks", self.scheme),
             _ => write!(f, "{count} {} step{plural}{place}", self.scheme),
         }
     }

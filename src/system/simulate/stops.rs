@@ -2,7 +2,7 @@
 //!
 //! The rates see such a state inside its limits (`fdm_grammar`), so that a step which reaches a limit ends exactly there, and the
 //! discrete response is a continuous function of the parameters whose derivative this is. A kink inside a step would cost
-//! an error of second order in its length, once for each time that a limit is reached or left: explicit steps are cut there (`limits.rs`).
+//! an error of second order in its length, once for each time that a limit is reached or left: explicit steps are cut there (`cuts.rs`).
 
 use crate::dynamics::{Dynamics, Layout};
 

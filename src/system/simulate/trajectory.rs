@@ -2,11 +2,11 @@
 //!
 //! Every integrator advances this, and every observation reads it.
 
+use super::cuts::Cuts;
 use super::delayed::History;
 use super::drive::DriveTable;
 use super::error::Divergence;
 use super::events::{Events, Follower, StatesAlone, Stretch};
-use super::limits::Limits;
 use super::steps::Grid;
 use super::stops::Stops;
 use crate::dynamics::{Dynamics, Point, Step, Workspace};
@@ -45,14 +45,20 @@ pub(super) struct Trajectory<'a> {
     pub(super) nodes: [Vec<f64>; 3],
     /// Limited states at the ends of the last steps.
     pub(super) stops: Stops,
-    /// Of a model whose steps are cut at limits.
-    pub(super) limits: Option<Box<Limits>>,
+    /// Of a model whose steps are cut at limits or kinks.
+    pub(super) cuts: Option<Box<Cuts>>,
     /// Of a model that has events.
     pub(super) events: Option<Box<Events>>,
 }
 
 impl<'a> Trajectory<'a> {
-    pub(super) fn new(dynamics: &'a dyn Dynamics, run: &'a Run, grid: Grid, drive: DriveTable) -> Self {
+    /// `kinks`: whether explicit steps are cut there, too.
+    pub(super) fn new(
+        dynamics: &'a dyn Dynamics,
+        run: &'a Run,
+        (grid, drive): (Grid, DriveTable),
+        kinks: bool,
+    ) -> Self {
         let layout = dynamics.layout();
         Self {
             dynamics,
@@ -65,7 +71,7 @@ impl<'a> Trajectory<'a> {
             history: History::new(layout),
             nodes: std::array::from_fn(|_| vec![0.0; layout.states]),
             stops: Stops::new(layout),
-            limits: Limits::new(layout),
+            cuts: Cuts::new(layout, kinks),
             events: Events::new(layout),
         }
     }
@@ -107,7 +113,7 @@ impl<'a> Trajectory<'a> {
         let (x, next) = two_nodes(&mut self.nodes, k);
         let step = Step { t, h, x, drive: self.drive.stages(k), known: &self.known };
         self.dynamics.step(step, next, &mut self.work);
-        if self.limits.is_some() {
+        if self.cuts.is_some() {
             self.cut(k, &mut StatesAlone);
         }
         let next = two_nodes(&mut self.nodes, k).1;
@@ -119,20 +125,14 @@ impl<'a> Trajectory<'a> {
         Ok(())
     }
 
-    /// Cuts step k, whose end as if there were no limits stands at node k + 1, where states meet or leave their limits.
+    /// Cuts step k, whose end as if there were nothing to cut it at stands at node k + 1.
     pub(super) fn cut(&mut self, k: usize, follower: &mut dyn Follower) {
-        let Self { dynamics, grid, drive, known, nodes, work, limits: Some(limits), .. } = self else { return };
+        let Self { dynamics, grid, drive, known, nodes, work, cuts: Some(cuts), .. } = self else { return };
         let (t, h) = grid.step(k);
         let (x, next) = two_nodes(nodes, k);
         // what has diverged is told by who took the step
         if next.iter().all(|x| x.is_finite()) {
-            limits.across(
-                &Stretch { dynamics: *dynamics, t, h, drive: drive.stages(k), known },
-                x,
-                next,
-                work,
-                follower,
-            );
+            cuts.across(&Stretch { dynamics: *dynamics, t, h, drive: drive.stages(k), known }, x, next, work, follower);
         }
     }
 

@@ -3,6 +3,7 @@
 use super::error::SpectrumError;
 use super::even_rows::EvenRows;
 use super::frequencies::{Comb, Frequencies, MOST};
+use super::held_edges::HeldEdge;
 use super::segments::{Segmentation, Window};
 use super::spectrum::SpectrumOptions;
 use super::transform::Transform;
@@ -55,6 +56,7 @@ impl CrossSpectra {
                 Some(average) => average,
                 None => average.insert(Average::new(&even, inputs, choice, segmentation)?),
             };
+            let even = with_means(even, run, inputs, options);
             average.add(run, &even, segmentation, window, options).map_err(|e| e.in_run(&run.name))?;
         }
         let average = average.ok_or(SpectrumError::TooFewSamples { found: 0, needed: 8 })?;
@@ -93,6 +95,19 @@ impl CrossSpectra {
         let largest = power.iter().map(|d| d.re).fold(0.0, f64::max);
         largest * resolution > NO_POWER * self.power[channel]
     }
+}
+
+/// With the means of held inputs over intervals in the place of their samples, where edges are between these: alike up to (w dt)^2/8, beside a
+/// window that changes little within an interval.
+fn with_means(mut even: EvenRows, run: &Run, inputs: usize, options: &SpectrumOptions) -> EvenRows {
+    for channel in 0..inputs {
+        for (place, area) in
+            even.edges_of(channel, options.course(channel, inputs, &run.held)).iter().map(HeldEdge::area)
+        {
+            even.rows[place * even.width + channel] += area;
+        }
+    }
+    even
 }
 
 /// Place of the pair i, j (i up to j) of n channels.

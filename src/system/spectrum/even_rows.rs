@@ -1,8 +1,10 @@
 //! The channels of a run on its even grid of time, gaps found and bridged.
 
 use super::error::{ChannelName, SpectrumError};
+use super::held_edges::{AtOutputs, HeldEdge};
+use super::spectrum::Course;
 use crate::record::Run;
-use crate::record::even_grid::{EvenGrid, LONGEST_GAP, NotEven};
+use crate::record::even_grid::{LONGEST_GAP, NotEven};
 
 /// Fewest samples of a record that has a spectrum.
 const FEWEST: usize = 8;
@@ -20,6 +22,8 @@ pub(super) struct EvenRows {
     pub(super) rows: Vec<f64>,
     /// The gaps of each channel.
     pub(super) gaps: Vec<Vec<Gap>>,
+    /// Changes of held inputs between places.
+    edges: Vec<HeldEdge>,
     /// Time of the first place.
     start: f64,
 }
@@ -41,12 +45,11 @@ impl EvenRows {
     /// # Errors
     /// Too few samples, or intervals that are no multiples of one.
     pub(super) fn of(run: &Run) -> Result<Self, SpectrumError> {
-        let run = &*run.at_outputs();
-        let few = SpectrumError::TooFewSamples { found: run.len(), needed: FEWEST };
-        let grid = match EvenGrid::of(&run.time) {
-            Ok(_) if run.len() < FEWEST => return Err(few),
-            Ok(grid) => grid,
-            Err(NotEven::TooFew) => return Err(few),
+        let few = |found: usize| SpectrumError::TooFewSamples { found, needed: FEWEST };
+        let AtOutputs { run, grid, edges, known } = match AtOutputs::of(run) {
+            Ok(at) if at.run.len() < FEWEST => return Err(few(at.run.len())),
+            Ok(at) => at,
+            Err(NotEven::TooFew) => return Err(few(run.len())),
             Err(NotEven::Uneven) => return Err(SpectrumError::Uneven),
         };
         let (n, places) = (run.len(), grid.length());
@@ -58,14 +61,20 @@ impl EvenRows {
             row[..m].copy_from_slice(&run.inputs[k * m..][..m]);
             row[m..].copy_from_slice(&run.measured[k * q..][..q]);
         }
+        known.iter().for_each(|(place, input, value)| rows[place * width + input] = *value);
         // infinite numbers were refused when the file was read; a run made by hand may hold them
         rows.iter_mut().filter(|v| v.is_infinite()).for_each(|v| *v = f64::NAN);
         // the clock's own mean rate, unless a gap was shortened
         let shortened = grid.place.windows(2).any(|p| p[1] - p[0] >= LONGEST_GAP);
         let dt = if shortened { grid.interval } else { (run.time[n - 1] - run.time[0]) / (places - 1) as f64 };
-        let mut even = Self { dt, places, width, rows, gaps: Vec::new(), start: run.time[0] };
+        let mut even = Self { dt, places, width, rows, gaps: Vec::new(), edges, start: run.time[0] };
         even.gaps = (0..width).map(|c| even.bridge(c, c < m && run.held.get(c) == Some(&true))).collect();
         Ok(even)
+    }
+
+    /// Changes of one channel between places, where it is taken as held.
+    pub(super) fn edges_of(&self, channel: usize, course: Course) -> Vec<HeldEdge> {
+        self.edges.iter().filter(|edge| edge.input == channel && course == Course::Held).copied().collect()
     }
 
     /// Fills the gaps of a channel, linearly or with the value before; gives them.

@@ -11,6 +11,7 @@ mod error;
 mod even_rows;
 mod frequencies;
 mod frequency_response;
+mod held_edges;
 mod overlap;
 mod segments;
 #[expect(clippy::module_inception, reason = "a spectrum is what the room makes")]

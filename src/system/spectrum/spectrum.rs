@@ -8,6 +8,7 @@ use super::cross_spectra::NO_POWER;
 use super::error::{ChannelName, SpectrumError};
 use super::even_rows::EvenRows;
 use super::frequencies::Frequencies;
+use super::held_edges::{self, HeldEdge};
 use super::overlap::independent;
 use super::transform::Transform;
 use crate::record::Run;
@@ -36,7 +37,8 @@ pub struct Spectrum {
     pub input_power: Vec<f64>,
     /// Inputs as outputs see them that show them directly, m by M: sums of their samples, transformed as outputs are.
     pub sampled_inputs: Vec<Complex64>,
-    /// Samples of the inputs, m by N + 1: what an input is before the record, then those that were transformed. Nothing where they are not known.
+    /// Samples of the inputs, m by N + 1: what an input is before the record, then those that were transformed; of one that was held on another
+    /// clock means over the intervals behind them. Nothing where they are not known.
     pub input_samples: Vec<f64>,
     /// Whether each input is held between samples (m).
     pub input_held: Vec<bool>,
@@ -105,8 +107,16 @@ impl Spectrum {
         let courses: Vec<Course> = (0..even.width).map(|c| options.course(c, m, &run.held)).collect();
         let first: Vec<f64> = even.rows[..m].to_vec();
         let vanishes = |c: usize| c < m && options.vanishing.contains(&(c as u32));
-        let sides: Vec<Sides> =
-            courses.iter().enumerate().map(|(c, kind)| centre(&mut even, c, *kind, outer, vanishes(c))).collect();
+        let inside = outer..outer + samples;
+        let edges: Vec<Vec<HeldEdge>> =
+            courses.iter().enumerate().map(|(c, course)| even.edges_of(c, *course)).collect();
+        // what the mean over the record is more than that of samples, times their number
+        let missed: Vec<f64> = edges.iter().map(|edges| held_edges::excess(edges, &inside)).collect();
+        let sides: Vec<Sides> = courses
+            .iter()
+            .enumerate()
+            .map(|(c, kind)| centre(&mut even, (c, *kind, missed[c]), outer, vanishes(c)))
+            .collect();
         let inner = outer * even.width..(outer + samples) * even.width;
         let samples_of = |c: usize| std::iter::once(0).chain(outer..outer + samples).map(move |k| k * even.width + c);
         let mut input_samples: Vec<f64> = (0..m).flat_map(samples_of).map(|at| even.rows[at]).collect();
@@ -114,6 +124,12 @@ impl Spectrum {
         let input_before: Vec<f64> = (0..m).map(before).collect();
         if outer == 0 {
             input_samples.chunks_mut(samples + 1).zip(&input_before).for_each(|(row, before)| row[0] = *before);
+        }
+        // a delay moves what an input is in an interval, in the mean
+        for (c, (interval, area)) in (0..m).flat_map(|c| edges[c].iter().map(move |edge| (c, edge.area()))) {
+            // the first is the sample before
+            let at = (interval + 1).checked_sub(outer).filter(|at| (1 - outer..=samples).contains(at));
+            at.into_iter().for_each(|at| input_samples[c * (samples + 1) + at] += area);
         }
         let input_held = courses[..m].iter().map(|c| *c == Course::Held).collect();
         let squares =
@@ -123,15 +139,18 @@ impl Spectrum {
         let scale = 1.0 / samples as f64;
         let mut transforms: Vec<Complex64> = sums.iter().map(|s| s * scale).collect();
         let mut sampled_inputs = transforms[..m * comb.len()].to_vec();
+        let more: Vec<Vec<Complex64>> =
+            edges[..m].iter().map(|edges| held_edges::sums(edges, &inside, &comb)).collect();
         for (k, cycles) in comb.cycles.iter().enumerate() {
             let correction = Correction::new(TAU * cycles.value(), cycles.turned((samples - 1) as f64));
             for (c, (course, sides)) in courses.iter().zip(&sides).enumerate() {
                 let at = c * comb.len() + k;
                 transforms[at] = correction.apply(*course, sums[at], *sides) * scale;
                 if c < m {
+                    transforms[at] += more[c][k] * scale;
                     // the mean that an output would lose is another one: a constant is left
                     let seen = options.output_course();
-                    let left = (seen.excess(*sides) - course.excess(*sides)) * scale;
+                    let left = (seen.excess(*sides) - course.excess(*sides) - missed[c]) * scale;
                     sampled_inputs[at] = correction.apply(seen, sums[at], *sides) * scale
                         - left * constant(comb.omega[k], even.dt, samples);
                 }
@@ -158,7 +177,17 @@ impl Spectrum {
         {
             return Err(error);
         }
-        let ends: Vec<[f64; 2]> = courses.iter().zip(&sides).map(|(course, sides)| course.ends(*sides)).collect();
+        let half = [outer as f64 - 0.5, (outer + samples) as f64 - 0.5];
+        let ends: Vec<[f64; 2]> = courses
+            .iter()
+            .zip(&sides)
+            .zip(&edges)
+            .map(|((course, sides), edges)| {
+                let [first, last] = course.ends(*sides);
+                let missed = half.map(|time| edges.iter().map(|edge| edge.at(time)).sum::<f64>());
+                [first + missed[0], last + missed[1]]
+            })
+            .collect();
         let pick = |channels: std::ops::Range<usize>| {
             [0, 1].map(|side| ends[channels.clone()].iter().map(|e| e[side]).collect())
         };
@@ -248,8 +277,14 @@ fn constant(w: f64, dt: f64, samples: usize) -> Complex64 {
     (Complex64::cis(0.5 * w * dt) - Complex64::cis(w * (0.5 * dt - duration))) / Complex64::new(0.0, w * duration)
 }
 
-/// Takes off a channel's mean over the record; gives the samples at both ends. One that vanishes does so before its first sample.
-fn centre(even: &mut EvenRows, channel: usize, course: Course, outer: usize, vanishing: bool) -> Sides {
+/// Takes off the mean over the record of a channel that edges between its samples make so much more; gives the samples at both ends. One that
+/// vanishes does so before its first sample.
+fn centre(
+    even: &mut EvenRows,
+    (channel, course, missed): (usize, Course, f64),
+    outer: usize,
+    vanishing: bool,
+) -> Sides {
     let (width, places) = (even.width, even.places);
     let inner = places - 2 * outer;
     let at = |rows: &[f64], k: usize| rows[k * width + channel];
@@ -266,7 +301,7 @@ fn centre(even: &mut EvenRows, channel: usize, course: Course, outer: usize, van
     // the mean in two steps, so that a large offset leaves no rounding behind
     for _ in 0..2 {
         let sum: f64 = even.rows[outer * width..].iter().skip(channel).step_by(width).take(inner).sum();
-        let mean = (sum + course.excess(sides(&even.rows))) / inner as f64;
+        let mean = (sum + course.excess(sides(&even.rows)) + missed) / inner as f64;
         even.rows.iter_mut().skip(channel).step_by(width).for_each(|v| *v -= mean);
     }
     sides(&even.rows)
@@ -275,7 +310,7 @@ fn centre(even: &mut EvenRows, channel: usize, course: Course, outer: usize, van
 /// What the transforms of a run are transforms of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Interpolant {
-    /// What the time domain integrates: inputs held or linear between samples, by their exact transform; outputs smooth, by the sum and the
+    /// What the time domain integrates: inputs held, with edges of their own, or linear between samples, by their exact transform; outputs smooth, by the sum and the
     /// first term of Euler and Maclaurin at the ends. The same linear model has the same response in both domains, up to (w dt)^4/240
     /// (inputs linear) or, for rates that held inputs drive directly, (w dt)^2/12.
     #[default]

@@ -154,6 +154,64 @@ fn inputs_are_transformed_as_they_are_integrated() {
     }
 }
 
+/// Every sample of an output behind one another, and a command that changes at instants of its own.
+fn commanded(n: usize, dt: f64, changes: &[(f64, f64)], missing: std::ops::Range<usize>) -> Run {
+    let sampled = (0..n).filter(|k| !missing.contains(k)).map(|k| (k as f64 * dt, (0.7 * k as f64).sin()));
+    let mut rows: Vec<(f64, f64)> = sampled.chain(changes.iter().map(|(t, _)| (*t, f64::NAN))).collect();
+    rows.sort_by(|a, b| a.0.total_cmp(&b.0));
+    rows.dedup_by(|a, b| a.0 == b.0);
+    let before = |t: f64| changes.iter().rev().find(|(at, _)| *at <= t).map_or(0.4, |(_, value)| *value);
+    let (time, measured): (Vec<f64>, Vec<f64>) = rows.into_iter().unzip();
+    let inputs = time.iter().map(|t| before(*t)).collect();
+    let name = "r".into();
+    Run {
+        name,
+        time,
+        inputs,
+        held: vec![true],
+        measured,
+        input_gaps: vec![0],
+        stated: vec![true],
+        output_gaps: vec![0],
+    }
+}
+
+#[test]
+fn held_inputs_keep_edges_of_another_clock() {
+    let (n, dt) = (60, 0.1);
+    let values = noise(8, 40);
+    // two in one interval, some at samples, some in the first and the last half interval; all of them in the middle of intervals
+    let own: Vec<(f64, f64)> = (0..40).map(|k| (0.013 + 0.149 * k as f64, values[k])).filter(|c| c.0 < 5.9).collect();
+    let close = [&own[..], &[(2.31, 7.0), (2.36, 8.0), (5.83, 2.0)]].concat();
+    let halves: Vec<(f64, f64)> = (0..29).map(|k| (0.15 + 0.2 * k as f64, values[k])).collect();
+    for (mut changes, missing) in [(own, 0..0), (close, 30..31), (halves, 0..0)] {
+        changes.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let run = commanded(n, dt, &changes, missing);
+        for (ends, outer) in [(Ends::Interpolated, 1), (Ends::Extrapolated, 0)] {
+            // from half an interval before the first sample to half a one behind the last, where it is what it is there
+            let (zero, from) = (outer as f64 * dt, (outer as f64 - 0.5) * dt);
+            let to = (n - outer) as f64 * dt - 0.5 * dt;
+            let inside = changes.iter().filter(|(t, _)| (from..to).contains(t)).map(|(t, _)| *t);
+            let corners: Vec<f64> = std::iter::once(from).chain(inside).chain([to]).collect();
+            let value = |t: f64| changes.iter().rev().find(|(at, _)| *at <= t).map_or(0.4, |(_, value)| *value);
+            let pieces = || corners.windows(2).map(|w| (w[0], w[1], value(w[0])));
+            let mean = pieces().map(|(a, b, u)| u * (b - a)).sum::<f64>() / (to - from);
+            for choice in [ALL, BAND] {
+                let options = SpectrumOptions { ends, ..SpectrumOptions::default() };
+                let found = Spectrum::of(&run, &choice, &options).expect("even where compared");
+                assert_eq!((found.samples, found.dt), (n - 2 * outer, run.time[run.len() - 1] / (n - 1) as f64));
+                for (w, found) in found.omega.iter().zip(&found.inputs) {
+                    let turn = |t: f64| Complex64::cis(-w * (t - zero));
+                    let piece = |(a, b, u): (f64, f64, f64)| (turn(a) - turn(b)) * (u - mean) / Complex64::new(0.0, *w);
+                    let want = pieces().map(piece).sum::<Complex64>() / (to - from);
+                    assert!((found - want).norm() < 1e-12, "{ends:?} {w}: {found} {want}");
+                }
+                assert!((found.input_ends[1][0] - (value(to) - mean)).abs() < 1e-12, "{ends:?}");
+            }
+        }
+    }
+}
+
 /// What is left of `x' - (j w x + ends)` at the worst frequency, for values and slopes at the samples.
 fn derivative_error(
     interpolant: Interpolant,

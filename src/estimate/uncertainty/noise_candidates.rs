@@ -1,0 +1,130 @@
+//! The noise models that short runs are judged by, each with its prior probability: white; first-order and smooth Gauss-Markov noise, noise that oscillates
+//! ([`super::gauss_markov`]); and 1/f noise ([`super::flicker`]).
+
+use super::flicker::Flicker;
+use super::gauss_markov::{Clock, GaussMarkov, spaced};
+use super::sensitivity_rows::SensitivityRows;
+use std::f64::consts::TAU;
+
+/// What the noise of a short run may be.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum NoiseModel {
+    /// White, of one correlation time, or oscillating.
+    GaussMarkov(GaussMarkov),
+    /// Of all correlation times.
+    Flicker(Flicker),
+}
+
+impl NoiseModel {
+    /// What its correlation decays over.
+    pub(super) fn clock(&self) -> Clock {
+        match self {
+            Self::GaussMarkov(noise) => noise.clock,
+            Self::Flicker(noise) => noise.clock,
+        }
+    }
+
+    /// Correlation of two samples that are `apart`, in units of the clock.
+    pub(super) fn correlation(&self, apart: f64) -> f64 {
+        match self {
+            Self::GaussMarkov(noise) => noise.correlation(apart),
+            Self::Flicker(noise) => noise.correlation(apart),
+        }
+    }
+
+    /// `L^-1 rows` in place (a row of `width` for each moment of the clock), L the Cholesky factor of its correlations; returns the logarithm of the
+    /// determinant of `L L'`.
+    pub(super) fn whiten(&self, moments: &[f64], rows: &mut [f64], width: usize) -> f64 {
+        match self {
+            Self::GaussMarkov(noise) => noise.whiten(moments, rows, width),
+            Self::Flicker(noise) => noise.whiten(moments, rows, width),
+        }
+    }
+
+    /// `L' rows` in place.
+    pub(super) fn transpose(&self, moments: &[f64], rows: &mut [f64], width: usize) {
+        match self {
+            Self::GaussMarkov(noise) => noise.transpose(moments, rows, width),
+            Self::Flicker(noise) => noise.transpose(moments, rows, width),
+        }
+    }
+}
+
+/// Prior probability that all noise is white.
+const WHITE: f64 = 0.6;
+/// What is left of it: for first-order noise, for its smooth kind, for second-order noise that oscillates, and for 1/f noise. Which kind an instrument has
+/// nobody knows beforehand: none of the rough ones is less likely than half another, and what is smooth is rare.
+const SHARES: [f64; 4] = [0.4, 0.1, 0.3, 0.2];
+/// White parts of first-order and 1/f noise, and of all others.
+const PARTS: [f64; 3] = [0.0, 0.3, 0.6];
+const OTHER_PARTS: [f64; 2] = [0.0, 0.4];
+/// Angles that oscillating noise turns through in its correlation time.
+const TURNS: [f64; 3] = [2.0, 6.0, 20.0];
+/// Factor from one period to the next, at most.
+const PERIOD_STEP: f64 = 1.4;
+/// Shortest correlation time, in intervals.
+const SHORTEST: f64 = 0.4;
+/// Longest, in lengths of the longest record; smooth noise correlates over more than twice its time, and longer ones are trends.
+const LONGEST: f64 = 2.0;
+const LONGEST_SMOOTH: f64 = 0.25;
+/// Longest correlation time of 1/f noise, in the same: what is slower is an offset within the record, which its size takes up.
+const LONGEST_FLICKER: f64 = 4.0;
+/// Shortest correlation time of 1/f noise, in intervals: from there on it is white.
+const SHORTEST_FLICKER: f64 = 0.5;
+/// Longest period, in the same: what swings once within a short record is what its parameters imitate best.
+const LONGEST_PERIOD: f64 = 1.0;
+/// Factor from one time to the next, at most.
+const STEP: f64 = 1.7;
+
+/// The median of all intervals.
+pub(super) fn median_interval(runs: &[&SensitivityRows]) -> f64 {
+    let steps = |run: &&SensitivityRows| run.moments.windows(2).map(|t| t[1] - t[0]).collect::<Vec<f64>>();
+    let mut all: Vec<f64> = runs.iter().flat_map(steps).collect();
+    let middle = all.len() / 2;
+    let interval = if all.is_empty() { 0.0 } else { *all.select_nth_unstable_by(middle, f64::total_cmp).1 };
+    if interval > 0.0 { interval } else { 1.0 }
+}
+
+/// All noise models, white noise the first, and the share of each of the others in the prior probability that the noise is not white.
+pub(super) fn candidates(runs: &[&SensitivityRows], interval: f64) -> (Vec<NoiseModel>, Vec<f64>) {
+    let span = |run: &&SensitivityRows| run.moments.last().unwrap_or(&0.0) - run.moments.first().unwrap_or(&0.0);
+    let length = runs.iter().map(span).fold(interval, f64::max);
+    let count = runs.iter().map(|run| run.moments.len()).max().unwrap_or(2) as f64;
+    let uneven = runs.iter().any(|run| !run.even);
+    let clocks = [(Clock::Time, interval, length), (Clock::Samples, 1.0, count)];
+    let (mut rough, mut smooth, mut oscillating, mut flickering) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    for (clock, interval, length) in clocks.into_iter().take(1 + usize::from(uneven)) {
+        for time_constant in spaced(SHORTEST * interval, LONGEST * length, STEP) {
+            let noise = |smooth, white| GaussMarkov { time_constant, angular: 0.0, smooth, white, clock };
+            rough.extend(PARTS.map(|white| noise(false, white)));
+            if time_constant < LONGEST_SMOOTH * length {
+                smooth.extend(OTHER_PARTS.map(|white| noise(true, white)));
+            }
+        }
+        let times = [SHORTEST_FLICKER * interval, LONGEST_FLICKER * length];
+        flickering.extend(PARTS.map(|white| NoiseModel::Flicker(Flicker::new(times, white, clock))));
+    }
+    for angular in spaced(2.0 * interval, LONGEST_PERIOD * length, PERIOD_STEP).map(|period| TAU / period) {
+        // what turns longest is a line, rough or smooth
+        let kinds = TURNS.into_iter().flat_map(|t| [(t, false), (t, true)]).take(2 * TURNS.len() - 1);
+        for (turns, smooth) in kinds {
+            let time_constant = turns / angular;
+            let noise = |white| GaussMarkov { time_constant, angular, smooth, white, clock: Clock::Time };
+            oscillating.extend(OTHER_PARTS.map(noise));
+        }
+    }
+    let [rough, smooth, oscillating] =
+        [rough, smooth, oscillating].map(|kind| kind.into_iter().map(NoiseModel::GaussMarkov).collect::<Vec<_>>());
+    let (mut all, mut shares) = (vec![NoiseModel::GaussMarkov(GaussMarkov::WHITE)], Vec::new());
+    for (models, share) in [rough, smooth, oscillating, flickering].into_iter().zip(SHARES) {
+        shares.extend(models.iter().map(|_| share / models.len() as f64));
+        all.extend(models);
+    }
+    (all, shares)
+}
+
+/// Logarithm of the prior probability of each model, where so many outputs have each its own.
+pub(super) fn log_prior(shares: &[f64], outputs: usize) -> Vec<f64> {
+    let white = WHITE.powf(1.0 / outputs as f64);
+    std::iter::once(white.ln()).chain(shares.iter().map(|share| ((1.0 - white) * share).ln())).collect()
+}
