@@ -372,7 +372,7 @@ pub use fdm_estimate::FitOptions;
 /// use fdm::{FitOptions, fit};
 /// let (model, runs) = fdm::example::decay()?;
 /// let found = fit(&model, &runs, &FitOptions::default(), &mut ())?;
-/// assert!(found.estimate.is_good() && found.rescue.is_none()); // no fallback strategy was needed
+/// assert!(found.estimate.is_good() && found.fallback.is_none()); // no fallback strategy was needed
 /// assert!(found.integration[0].error < 1e-7);
 /// assert_eq!(found.quality.len(), 1); // one output of one run
 /// # Ok::<(), Box<dyn std::error::Error>>(())

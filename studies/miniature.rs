@@ -209,7 +209,7 @@ fn starts_far_away(what: &str, frequencies: &Frequencies) {
                 e.history.last().unwrap().cost - least,
                 100.0 * off,
                 e.termination,
-                e.aids
+                e.fallbacks
             );
         }
     }

@@ -632,7 +632,7 @@ fn unsuccessful(estimate: &Estimate, moved: bool) -> Option<String> {
 /// Whether the values come from shorter records, segments, measured states or other starts.
 fn has_moved(fit: &Fit) -> bool {
     let strategies =
-        [fit.rescue.is_some(), fit.shooting.is_some(), !fit.substituted.is_empty(), !fit.starts.is_empty()];
+        [fit.fallback.is_some(), fit.shooting.is_some(), !fit.substituted.is_empty(), !fit.starts.is_empty()];
     strategies.contains(&true) || fit.by_length.len() > 1
 }
 

@@ -79,7 +79,7 @@ pub struct Estimate {
     /// Gauss-Newton iterations made.
     pub iterations: usize,
     /// What helped the iteration on; empty when it needed no help.
-    pub aids: Vec<Fallback>,
+    pub fallbacks: Vec<Fallback>,
     /// Simulations of all runs with sensitivities, and without.
     pub evaluations: (usize, usize),
     /// The state after each iteration, the start first.

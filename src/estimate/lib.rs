@@ -64,7 +64,7 @@ pub use combinations::{option_names, takes_option};
 pub use degenerate::Degeneracy;
 pub use derived::{DerivedName, DerivedQuantities};
 pub use estimate::{BiasCorrection, Estimate, ParameterEstimate, RunFit, Smoothing, Status, Symmetric};
-pub use fdm_numeric::least_squares::Fallback as Aid;
+pub use fdm_numeric::least_squares::Fallback;
 pub use few_samples::FewSamples;
 pub use filter_error::{FilterError, FilterFit, fit_filter};
 pub use frequency_responses::{
@@ -77,19 +77,18 @@ pub use input_interpolation::{EstimateMove, InputInterpolation};
 pub use iteration::normal_equations::{NormalEquations, NotFinite};
 pub use method::{Domain, Method, Optimizer, SmoothBy};
 pub use noise::Noise;
-pub use observer::{CheckpointStore, CheckpointStore as Keeper, Iteration, Observer, StartSummary, Stop, UnknownName};
+pub use observer::{CheckpointStore, Iteration, Observer, StartSummary, Stop, UnknownName};
 pub use output_error::defect::FitDefect;
 pub use output_error::error::{FitError, StrategyError};
 pub use output_error::fit::{
-    Continuity, Fit, LengthFit, NoiseOfSamples, Recovery, RecoveryStrategy, RecoveryStrategy as Remedy, Reweighting,
-    Variation, Weight,
+    Continuity, Fit, LengthFit, NoiseOfSamples, Recovery, RecoveryStrategy, Reweighting, Variation, Weight,
 };
 pub use output_error::integration_fault::IntegrationFault;
 pub use output_error::loss::Loss;
 pub use output_error::options::{Continuation, FitOptions, FrequencyOptions, MultiStart, SharedSteps, Shooting};
 pub use output_error::single::{changed, starts};
 pub use problem::{Coefficients, KnownNoise, Options, Problem, ProblemError, ProblemRun, Response};
-pub use recovery::confidence::{LengthSensitivity, LengthSensitivity as Settling, by_confidence};
+pub use recovery::confidence::{LengthSensitivity, by_confidence};
 pub use recovery::free_response::is_lost_at_start;
 pub use recovery::multi_start::StartSearch;
 pub use residual_vector::ResidualVector;

@@ -147,7 +147,7 @@ pub struct Problem<'a> {
     /// The runs that are compared with the model, all at once.
     pub runs: Vec<ProblemRun<'a>>,
     /// Parameters (indices) in which all responses are jointly affine, as far as that is known; used when the
-    /// iteration needs rescue.
+    /// iteration needs a fallback strategy.
     pub affine: Vec<usize>,
     /// The model's tables; the nodes of smooth ones have a prior of unknown scale.
     pub tables: Vec<Table>,

@@ -232,7 +232,7 @@ pub(crate) fn solve(
         cost,
         log_likelihood,
         iterations: history.len().saturating_sub(1),
-        aids: fallbacks,
+        fallbacks,
         evaluations,
         history,
         covered,

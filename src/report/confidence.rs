@@ -18,8 +18,8 @@ pub fn way(fit: &Fit) -> String {
         let states = fit.substituted.join(", ");
         text.push_str(&format!("started from a fit with the measured {states} in the equations\n"));
     }
-    if let Some(rescue) = &fit.rescue {
-        text.push_str(&format!("{rescue}\n"));
+    if let Some(fallback) = &fit.fallback {
+        text.push_str(&format!("{fallback}\n"));
     }
     if let Some(cut) = &fit.shooting {
         let end = match cut.polished {

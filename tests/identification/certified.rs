@@ -108,7 +108,7 @@ fn every_problem_from_both_starts() {
                 e.evaluations.0,
                 e.evaluations.1,
                 e.termination,
-                e.aids.iter().map(|r| format!(", {r}")).collect::<String>()
+                e.fallbacks.iter().map(|r| format!(", {r}")).collect::<String>()
             );
             (sum, runs) = (sum + digits, runs + 1);
             if !e.is_good() || digits < 6.0 || errors < problem.digits_of_residuals(&fit).min(6.0) {

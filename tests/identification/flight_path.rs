@@ -109,5 +109,5 @@ fn errors_of_sensors_are_found_from_kinematics_alone() {
         assert!((p.value - truth).abs() < 3.5 * error, "{name}: {} +- {error}, {truth}", p.value);
     }
     let late = found.estimate.parameter("late", None).unwrap();
-    assert!(late.error().unwrap() < 0.01 && found.rescue.is_none());
+    assert!(late.error().unwrap() < 0.01 && found.fallback.is_none());
 }

@@ -44,9 +44,9 @@ fn from_poor_starts(system: &str, reached: impl Fn(f64) -> bool) -> Vec<Fit> {
         let options = FitOptions { changes: Changes { set, ..Changes::default() }, ..FitOptions::default() };
         let fit = fit(&model, std::slice::from_ref(&run), &options, &mut ()).unwrap();
         let (e, sum) = (&fit.estimate, squares(&fit));
-        let aids: String = e.aids.iter().map(|a| format!(", {a}")).collect();
+        let fallbacks: String = e.fallbacks.iter().map(|a| format!(", {a}")).collect();
         println!(
-            "{name:12}  {sum:.10e}  {:11}  {:5} {:5}  {}{aids}",
+            "{name:12}  {sum:.10e}  {:11}  {:5} {:5}  {}{fallbacks}",
             e.iterations, e.evaluations.0, e.evaluations.1, e.termination
         );
         if !e.termination.is_good() || !reached(sum) {

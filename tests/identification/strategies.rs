@@ -181,12 +181,12 @@ fn a_start_that_diverges_is_rescued_and_that_is_said() {
     let start = [("a", 5.0), ("alpha", -0.03)];
     let plain = fitted(&model, &run, &start, never());
     assert!(plain.estimate.runs.is_empty(), "{}", plain.estimate.termination);
-    assert!(plain.rescue.is_none());
+    assert!(plain.fallback.is_none());
     let auto = fitted(&model, &run, &start, FitOptions::default());
     check(&auto, &TAKEN_UP, 1e-6);
-    let rescue = auto.rescue.unwrap();
-    assert_eq!(rescue.by, Some(RecoveryStrategy::Continuation));
-    let said = rescue.to_string();
+    let fallback = auto.fallback.unwrap();
+    assert_eq!(fallback.by, Some(RecoveryStrategy::Continuation));
+    let said = fallback.to_string();
     assert!(said.contains("already at the start values") && said.contains("short record first"), "{said}");
     assert!(auto.by_length.len() > 2, "estimates by length are kept");
     let times = Continuation::Times(vec![5.0, 10.0, 20.0, 40.0, 80.0]);
@@ -202,7 +202,7 @@ fn a_start_that_diverges_is_rescued_and_that_is_said() {
     // not even from the first sample to the second
     let auto = fitted(&model, &run, &[("alpha", -0.05)], FitOptions::default());
     check(&auto, &TAKEN_UP, 1e-6);
-    assert_eq!(auto.rescue.unwrap().by, Some(RecoveryStrategy::Substitution { states: vec!["q".into()] }));
+    assert_eq!(auto.fallback.unwrap().by, Some(RecoveryStrategy::Substitution { states: vec!["q".into()] }));
 }
 
 #[test]
@@ -221,7 +221,7 @@ fn a_ship_from_a_start_that_leads_the_plain_correction_astray() {
     assert!((value(&plain, "C9", None) / -3.97e-3 - 1.0).abs() > 0.1, "the plain correction finds it");
     let auto = with(FitOptions::default());
     check(&auto, &truth, 1e-6);
-    assert_eq!(auto.rescue.unwrap().by, Some(RecoveryStrategy::Continuation));
+    assert_eq!(auto.fallback.unwrap().by, Some(RecoveryStrategy::Continuation));
     let continuation = "8".parse().unwrap();
     check(&with(FitOptions { continuation, ..never() }), &truth, 1e-6);
     check(&with(FitOptions { substitute: vec!["all".into()], ..never() }), &truth, 1e-6);
@@ -278,7 +278,7 @@ fn the_number_of_threads_changes_no_bit_on_any_way() {
         let options = FitOptions { shooting, ..options.clone() };
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let fit = pool.install(|| fit(&model, &runs, &options, &mut ()).unwrap());
-        format!("{:?} {:?} {:?} {:?}", fit.estimate, fit.by_length, fit.rescue, fit.shooting)
+        format!("{:?} {:?} {:?} {:?}", fit.estimate, fit.by_length, fit.fallback, fit.shooting)
     };
     for shooting in [None, Some(Shooting::Segments(4))] {
         assert_eq!(with(1, shooting), with(3, shooting));
@@ -340,11 +340,11 @@ fn what_no_way_can_better_ends_and_says_so() {
     let mut run = blank(&model, "grows", (0..40).map(|k| 0.1 * f64::from(k)).collect());
     run.measured = run.time.iter().map(|t| t.exp()).collect();
     let found = fitted(&model, &[run.clone()], &[], FitOptions::default());
-    let rescue = found.rescue.unwrap();
-    assert!(rescue.by.is_none() && rescue.to_string().contains("no better"), "{rescue}");
+    let fallback = found.fallback.unwrap();
+    assert!(fallback.by.is_none() && fallback.to_string().contains("no better"), "{fallback}");
     let fixed = Changes { fix: vec!["k".into()], ..Changes::default() };
     let compared = fit(&model, &[run], &FitOptions { changes: fixed, ..FitOptions::default() }, &mut ()).unwrap();
-    assert!(compared.rescue.is_none() && compared.estimate.termination.is_good());
+    assert!(compared.fallback.is_none() && compared.estimate.termination.is_good());
 }
 
 #[test]
@@ -365,7 +365,7 @@ fn slow_noise_is_no_reason_for_a_rescue() {
         let plain = fitted(&model, &[run.clone()], &start, never());
         let auto = fitted(&model, &[run], &start, FitOptions::default());
         assert!(plain.estimate.is_good(), "seed {seed}: {}", plain.estimate.termination);
-        assert!(auto.rescue.is_none(), "seed {seed}: {}", auto.rescue.unwrap());
+        assert!(auto.fallback.is_none(), "seed {seed}: {}", auto.fallback.unwrap());
         assert_eq!(auto.estimate.cost, plain.estimate.cost);
         assert!(auto.estimate.parameters.iter().any(|p| p.corrected_error.is_some()), "seed {seed}");
     }

@@ -289,7 +289,7 @@ fn with_validation_runs(
 
 /// Fits from the start values alone, where that ends at a minimum that is a match at all; else along a growing part of the record too,
 /// and the better of both is taken. A model that lacks something leaves smooth residuals, for which a fit by itself would go through all
-/// its rescues; here they are what is looked for. These come last, where no way ends at a minimum that is a match: the likeliest is then
+/// its fallback strategies; here they are what is looked for. These come last, where no way ends at a minimum that is a match: the likeliest is then
 /// the first, and minima that are less likely follow.
 fn plainly(model: &Model, runs: &[Run], how: &FitOptions, goes_on: &GoesOn<'_>) -> Result<Vec<Fit>, FitError> {
     if how.continuation != Continuation::Auto {
@@ -311,7 +311,7 @@ fn plainly(model: &Model, runs: &[Run], how: &FitOptions, goes_on: &GoesOn<'_>) 
         }
     }
     match fit(model, runs, how, &mut While(goes_on)) {
-        Ok(rescued) if fits.is_empty() || cost(&rescued).is_finite() => fits.push(rescued),
+        Ok(found) if fits.is_empty() || cost(&found).is_finite() => fits.push(found),
         Err(why) if fits.is_empty() => return Err(why),
         _ => (),
     }

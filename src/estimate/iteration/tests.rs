@@ -206,7 +206,7 @@ fn a_rescued_one_too() {
     };
     for start in [[50.0, 150.0, -100.0, 1.0, 2.0], [0.5, 1.0, -1.0, 0.05, 0.1]] {
         let fit = estimate(&mut make(start), &Options::default(), &mut ()).expect("a possible problem");
-        assert!(fit.is_good() && !fit.aids.is_empty(), "{} {:?}", fit.termination, fit.aids);
+        assert!(fit.is_good() && !fit.fallbacks.is_empty(), "{} {:?}", fit.termination, fit.fallbacks);
         assert!((fit.parameters[3].value - 0.013).abs() < 1e-3, "{:?}", fit.parameters[3].value);
         interrupt_everywhere(|| make(start), &Options::default());
     }

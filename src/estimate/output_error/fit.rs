@@ -40,7 +40,7 @@ pub struct Fit {
     /// was not asked for.
     pub quality: Vec<OutputQuality>,
     /// What was done about start values that could not be used, and why; none when they could.
-    pub rescue: Option<Recovery>,
+    pub fallback: Option<Recovery>,
     /// Estimates by length of the record, the whole record's last; empty when only that was fitted.
     pub by_length: Vec<LengthFit>,
     /// Estimates with other weights of the outputs; none when that was not asked for, or there was no noise to weigh.
@@ -58,7 +58,7 @@ pub struct Fit {
 }
 
 impl Fit {
-    /// A plain fit, without a rescue and without anything said about confidence.
+    /// A plain fit, without a fallback strategy and without anything said about confidence.
     pub(crate) fn new(model: Model, estimate: Estimate, integration: Vec<Accuracy>) -> Self {
         Self {
             model,
@@ -70,7 +70,7 @@ impl Fit {
             interpolations: Vec::new(),
             uncompared_inputs: Vec::new(),
             quality: Vec::new(),
-            rescue: None,
+            fallback: None,
             by_length: Vec::new(),
             reweighting: None,
             substituted: Vec::new(),

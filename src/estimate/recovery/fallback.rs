@@ -44,7 +44,7 @@ pub(crate) fn attempt(
     let found =
         found.filter(|found| !(matches!(found, FitDefect::PoorMatch { .. }) && leaves_noise(model, runs, &fit)));
     match found.filter(|_| observer.stopped().is_none()) {
-        Some(trouble) => rescue(model, runs, starts, options, (fit, trouble), observer),
+        Some(trouble) => fallback(model, runs, starts, options, (fit, trouble), observer),
         None => Ok(fit),
     }
 }
@@ -65,7 +65,7 @@ fn from_short_records(
         return held_in_place(model, runs, starts, options, (fit, found, vec![remedy]), observer).map(Some);
     }
     let sound = trouble(&fit.estimate).is_none();
-    Ok(sound.then(|| Fit { rescue: Some(Recovery { trouble: found, failed: Vec::new(), by: Some(remedy) }), ..fit }))
+    Ok(sound.then(|| Fit { fallback: Some(Recovery { trouble: found, failed: Vec::new(), by: Some(remedy) }), ..fit }))
 }
 
 fn is_unstable(fit: &Fit) -> bool {
@@ -84,11 +84,11 @@ fn held_in_place(
 ) -> Result<Fit, FitError> {
     if let Some((remedy, cut)) = by_shooting(model, runs, starts, options, observer)? {
         if trouble(&cut.estimate).is_none() {
-            return Ok(Fit { rescue: Some(Recovery { trouble: found, failed, by: Some(remedy) }), ..cut });
+            return Ok(Fit { fallback: Some(Recovery { trouble: found, failed, by: Some(remedy) }), ..cut });
         }
         failed.push(remedy);
     }
-    Ok(Fit { rescue: Some(Recovery { trouble: found, failed, by: None }), ..fit })
+    Ok(Fit { fallback: Some(Recovery { trouble: found, failed, by: None }), ..fit })
 }
 
 /// Compared samples that tell noise from what a wrong minimum leaves.
@@ -173,7 +173,7 @@ const SAME: f64 = 0.01;
 ///
 /// Smooth residuals alone are no proof of a wrong minimum, slow noise leaves them too: a minimum to which a second way from
 /// the same start leads as well is taken for the right one.
-pub(crate) fn rescue(
+pub(crate) fn fallback(
     model: &Model,
     runs: &[Run],
     starts: &[Vec<f64>],
@@ -183,7 +183,7 @@ pub(crate) fn rescue(
 ) -> Result<Fit, FitError> {
     let doubtful = matches!(found, FitDefect::SmoothResiduals { .. });
     let (mut best, mut by, mut tried) = (plain, None, Vec::new());
-    // a second opinion is cheaper than a rescue
+    // a second opinion is cheaper than a fallback strategy
     let ways: &[Try] = &[by_second_opinion, by_continuation, by_substitution, by_shooting];
     let mut ended = None;
     for way in &ways[usize::from(!doubtful)..] {
@@ -224,7 +224,7 @@ pub(crate) fn rescue(
         best.estimate.termination = stop.into();
     }
     let failed = tried.into_iter().filter(|t| by.as_ref() != Some(t)).collect();
-    Ok(Fit { rescue: Some(Recovery { trouble: found, failed, by }), ..best })
+    Ok(Fit { fallback: Some(Recovery { trouble: found, failed, by }), ..best })
 }
 
 /// Whether two fits ended at the same minimum.

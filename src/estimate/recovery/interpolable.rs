@@ -47,7 +47,7 @@ pub(crate) fn unless_interpolable(
         let from = after(&fit.model, runs, &found.estimate, starts);
         let better = single_fit(&fit.model, runs, &from, options, observer)?;
         if better.is_better_than(&fit) {
-            return Ok(Fit { rescue: fit.rescue, substituted: fit.substituted, ..better });
+            return Ok(Fit { fallback: fit.fallback, substituted: fit.substituted, ..better });
         }
     }
     let gain = found.estimate.cost.map_or(0.0, |least| cost - least);

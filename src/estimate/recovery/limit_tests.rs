@@ -63,7 +63,7 @@ fn limited(total: Option<usize>, options: FitOptions) -> (crate::Fit, Counting) 
 #[test]
 fn without_a_limit_fallbacks_reach_what_the_start_does_not() {
     let (fit, seen) = limited(None, FitOptions::default());
-    assert!(fit.rescue.is_some() && seen.estimations > 1, "{} estimations", seen.estimations);
+    assert!(fit.fallback.is_some() && seen.estimations > 1, "{} estimations", seen.estimations);
     assert!((fit.estimate.parameter("w", None).unwrap().value - 1.0).abs() < 1e-2);
 }
 
@@ -77,10 +77,10 @@ fn noise_that_hides_most_of_the_response_calls_for_no_other_way() {
     let near = Model::from_text("m.fdm", text).unwrap();
     let found = fit(&near, &[noisy.clone()], &FitOptions::default(), &mut seen).unwrap();
     let r2 = found.estimate.outputs[0].r2.unwrap();
-    assert!(r2 < 0.4 && found.rescue.is_none() && found.is_good(), "{r2} {:?}", found.rescue);
+    assert!(r2 < 0.4 && found.fallback.is_none() && found.is_good(), "{r2} {:?}", found.fallback);
     // a wrong minimum leaves a swing in such noise, and is left for the right one
     let far = fit(&model(), &[noisy], &FitOptions::default(), &mut Counting::default()).unwrap();
-    assert!((far.estimate.parameter("w", None).unwrap().value - 1.0).abs() < 0.05, "{:?}", far.rescue);
+    assert!((far.estimate.parameter("w", None).unwrap().value - 1.0).abs() < 0.05, "{:?}", far.fallback);
 }
 
 #[test]
@@ -89,7 +89,7 @@ fn no_iterations_are_no_fallbacks_either() {
     assert_eq!((seen.estimations, seen.iterations), (1, 0));
     assert_eq!(fit.estimate.parameter("w", None).unwrap().value, 3.0);
     assert_eq!(fit.estimate.termination, Termination::IterationLimit);
-    assert!(fit.rescue.is_none() && fit.estimate.runs[0].response.len() == run().len());
+    assert!(fit.fallback.is_none() && fit.estimate.runs[0].response.len() == run().len());
 }
 
 #[test]

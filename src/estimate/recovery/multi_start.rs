@@ -108,7 +108,7 @@ pub(crate) fn many_starts(
 
 /// The options of the fit from each start.
 fn of_each(options: &FitOptions) -> FitOptions {
-    // colour, finer steps and a rescue are for the best: the starts are each other's rescue
+    // colour, finer steps and fallback strategies are for the best: each start is the fallback of the others
     let continuation = match &options.continuation {
         Continuation::Auto => Continuation::Never,
         asked => asked.clone(),

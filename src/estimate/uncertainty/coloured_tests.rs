@@ -345,7 +345,11 @@ fn outputs_have_colours_of_their_own() {
         0.3 * normal.next()
     });
     let fit = solve(&mut problem(vec![param("a", 1.0)], vec![data]), &Options::default());
-    assert!(fit.colours[0].is_white() && (0.7..0.99).contains(&fit.colours[1].neighbours), "{:?}", fit.colours);
+    assert!(
+        fit.colours[0].is_white() && (0.7..0.99).contains(&fit.colours[1].lag_one_correlation),
+        "{:?}",
+        fit.colours
+    );
 }
 
 #[test]
@@ -361,10 +365,10 @@ fn every_long_run_has_a_colour_of_its_own() {
         &mut problem(both_params(), vec![make("slow", 0.9, 3), make("white", 0.0, 4), make("fast", -0.6, 5)]),
         &Options::default(),
     );
-    let neighbours: Vec<f64> = fit.colours.iter().map(|c| c.neighbours).collect();
+    let correlations: Vec<f64> = fit.colours.iter().map(|c| c.lag_one_correlation).collect();
     assert_eq!(fit.colours[0].runs, ["slow"]);
-    assert!((neighbours[0] - 0.9).abs() < 0.08 && (neighbours[2] + 0.6).abs() < 0.1, "{neighbours:?}");
-    assert!(neighbours[1].abs() < 0.12 && !fit.colours[0].is_white(), "{neighbours:?}");
+    assert!((correlations[0] - 0.9).abs() < 0.08 && (correlations[2] + 0.6).abs() < 0.1, "{correlations:?}");
+    assert!(correlations[1].abs() < 0.12 && !fit.colours[0].is_white(), "{correlations:?}");
 }
 
 #[test]

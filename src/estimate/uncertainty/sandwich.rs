@@ -167,16 +167,15 @@ pub struct NoiseColour {
     /// Standard deviation of the innovations e.
     pub innovation: f64,
     /// Correlation of neighbouring samples.
-    #[serde(rename = "lag_one_correlation")]
-    pub neighbours: f64,
+    pub lag_one_correlation: f64,
 }
 
 impl NoiseColour {
     pub(crate) fn new(output: String, runs: Vec<String>, interval: f64, model: &AutoRegression) -> Self {
         let r = model.autocovariances(1);
-        let neighbours = if r[0] > 0.0 { r[1] / r[0] } else { 0.0 };
+        let lag_one_correlation = if r[0] > 0.0 { r[1] / r[0] } else { 0.0 };
         let (coefficients, innovation) = (model.coefficients.clone(), model.variance.sqrt());
-        Self { output, runs, interval, coefficients, deviation: r[0].sqrt(), innovation, neighbours }
+        Self { output, runs, interval, coefficients, deviation: r[0].sqrt(), innovation, lag_one_correlation }
     }
 
     /// Whether it is white.

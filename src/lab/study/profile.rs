@@ -147,7 +147,7 @@ impl<'a> Profiler<'a> {
         }
         .with_declared_noise(&fit.model);
         options.options.colour = false;
-        // every refit begins beside one that ended: a rescue would lead elsewhere, and costs a hundred times as much
+        // every refit begins beside one that ended: a fallback strategy would lead elsewhere, and costs a hundred times as much
         if options.continuation == Continuation::Auto {
             options.continuation = Continuation::Never;
         }

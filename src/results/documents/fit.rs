@@ -333,8 +333,8 @@ impl FitDocument {
         let starts = (!fit.starts.is_empty()).then(|| fit.starts.iter().map(StartDocument::from).collect());
         let mut document = Self {
             integration: Some(integration.collect()),
-            fallback: Some(fit.rescue.clone()),
-            fallback_message: Some(fit.rescue.as_ref().map(ToString::to_string)),
+            fallback: Some(fit.fallback.clone()),
+            fallback_message: Some(fit.fallback.as_ref().map(ToString::to_string)),
             interpolations: fit.interpolations.clone(),
             substituted: Some(fit.substituted.clone()),
             shooting: Some(fit.shooting.clone()),
@@ -400,7 +400,7 @@ impl FitDocument {
             termination: Terminated::from(&e.termination),
             message: e.termination.to_string(),
             iterations: e.iterations,
-            iteration_fallbacks: e.aids.iter().map(ToString::to_string).collect(),
+            iteration_fallbacks: e.fallbacks.iter().map(ToString::to_string).collect(),
             evaluations: Evaluations { with_sensitivities: e.evaluations.0, without: e.evaluations.1 },
             bias_corrections: e.bias_corrections.clone(),
             undetermined: e.undetermined.clone(),

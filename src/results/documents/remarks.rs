@@ -181,7 +181,7 @@ pub fn estimate_remarks(estimate: &Estimate) -> Vec<Remark> {
     say(About::Biased, biased(estimate));
     say(
         About::Iteration,
-        estimate.aids.iter().map(|aid| format!("fallback strategy of the iteration: {aid}")).collect(),
+        estimate.fallbacks.iter().map(|fallback| format!("fallback strategy of the iteration: {fallback}")).collect(),
     );
     let rounding = |o: &String| format!("`{o}` is matched to rounding: its noise and the standard errors mean nothing");
     say(About::NoNoise, estimate.noise_free.iter().map(rounding).collect());
