@@ -9,13 +9,15 @@ use fdm_system::Model;
 use fdm_system::record::Run;
 
 /// Where an output is not explained, the first finding of the doctor about the records that were fitted: in the document, and behind the verdict.
+/// Values that were judged where none had been looked for explain little, whatever the records are.
 pub(crate) fn ask_doctor(
     (model, estimate, runs): (&Model, &Estimate, &[Run]),
     document: &mut FitDocument,
     verdict: &mut String,
     progress: &Progress,
 ) {
-    if !document.remarks.iter().any(|r| r.about == About::Unexplained) {
+    let judged_only = estimate.iterations == 0 && !estimate.termination.is_good();
+    if judged_only || !document.remarks.iter().any(|r| r.about == About::Unexplained) {
         return;
     }
     let halt = progress.halt();

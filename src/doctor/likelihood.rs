@@ -118,11 +118,14 @@ impl Evidence<'_> {
         Some(self.with_kinematics(beside, edits))
     }
 
-    /// The runs as they are. Where the start values lead to no minimum, with the fallbacks of a fit: what is not reached otherwise is no fault of
-    /// the record.
+    /// The runs as they are. Where the start values lead to no minimum, by way of the beginnings of the runs: what is not reached otherwise is no
+    /// fault of the record. Other fallbacks of a fit would swallow faults: segments have initial values of their own, substituted states
+    /// are the record itself.
     pub(crate) fn base(&self) -> Option<Trial> {
-        /// Times the iterations of a fit that fallbacks may take together.
+        /// Times the iterations of a fit that its parts may take together.
         const MOST: usize = 4;
+        /// Parts of the runs that are fitted first.
+        const BEGINNINGS: [f64; 2] = [0.25, 0.5];
         // a plain fit of a response that is lost settles anywhere
         let lost_at_start = self.model.is_some_and(|model| is_lost_at_start(model, self.runs));
         let plain = if lost_at_start { None } else { self.trial(Begin::TEXT, &[], THOROUGH) };
@@ -131,7 +134,9 @@ impl Evidence<'_> {
         };
         let settled = plain.as_ref().is_some_and(|plain| has(plain, Termination::is_good));
         let Some(model) = self.model.filter(|_| !settled) else { return plain };
-        let mut options = FitOptions { continuation: Continuation::Auto, ..Self::options(model, THOROUGH) };
+        // a fit itself looks first how far a response that is lost can be followed
+        let continuation = if lost_at_start { Continuation::Auto } else { Continuation::Shares(BEGINNINGS.to_vec()) };
+        let mut options = FitOptions { continuation, ..Self::options(model, THOROUGH) };
         options.options.total = Some(MOST * THOROUGH);
         let led = self.beside(model, Begin::TEXT, &[], options).map(|beside| self.with_kinematics(beside, &[]));
         let lost = |ended: &Termination| matches!(ended, Termination::Unstable { .. });

@@ -668,7 +668,8 @@ impl Search<'_> {
         };
         let there = at(0.0)?;
         let near = search_number(step, &there, 0.0, &at);
-        let on_the_spot = Searched { value: 0.0, error: step, trial: there };
+        // a sample it is, and no better one was found between its neighbours
+        let on_the_spot = Searched { value: 0.0, error: 0.0, trial: there };
         near.or(Some(on_the_spot)).map(|found| Searched { value: lag + found.value, ..found })
     }
 

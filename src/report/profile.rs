@@ -217,7 +217,7 @@ mod tests {
         let mut held = even.clone();
         held.held[0] = vec![AtBound { name: "d".into(), bound: 0.0 }];
         let text = profile_table(&[held]);
-        assert!(text.contains("a: about its end to the left, 0.8, the fit has d at its bound 0\n"), "{text}");
+        assert!(text.contains("a: about its end to the left, 0.8000, the fit has d at its bound 0\n"), "{text}");
         let open = profile("c", [End::Open(-5.0), End::At(1.2)], 2.0);
         assert!(!verdict(&[even.clone(), open.clone()]).bounded);
         let text = profile_table(&[open, far, even]);

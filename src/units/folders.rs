@@ -23,13 +23,12 @@ pub(crate) fn unpacked(files: &Files) -> std::io::Result<PathBuf> {
     let (folder, lock) = locked()?;
     folders.push((folder.clone(), lock));
     drop(folders);
-    fs::create_dir_all(folder.join("resources"))?;
+    let places = files.iter().filter_map(|(name, _)| Path::new(name).parent());
+    for place in places.chain([Path::new("resources")]) {
+        fs::create_dir_all(folder.join(place))?;
+    }
     for (name, bytes) in files {
-        let path = folder.join(name);
-        if let Some(parent) = path.parent() {
-            fs::create_dir_all(parent)?;
-        }
-        fs::write(path, bytes)?;
+        fs::write(folder.join(name), bytes)?;
     }
     Ok(folder)
 }

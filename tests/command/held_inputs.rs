@@ -55,8 +55,12 @@ fn fitted(desk: &Desk, words: &str) -> (String, String) {
 
 /// The value of a parameter in a table.
 fn value(table: &str, name: &str) -> f64 {
-    let row = table.lines().find(|line| line.split_whitespace().next() == Some(name)).expect("a row of its own");
-    row.split_whitespace().nth(1).and_then(|v| v.parse().ok()).expect("a number")
+    let row = |line: &str| {
+        let mut words = line.split_whitespace();
+        words.next().filter(|first| *first == name)?;
+        words.next()?.parse().ok()
+    };
+    table.lines().find_map(row).expect("a row of its own with a number")
 }
 
 fn desk() -> Desk {

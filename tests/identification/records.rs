@@ -211,8 +211,9 @@ fn noise_that_is_a_factor_is_plain_noise_of_logarithms() {
             }
         }
         let cover = held as f64 / f64::from(repeats);
-        // known to 1.3 %
-        assert!((0.91..=0.99).contains(&cover), "{relative}: {cover}");
+        // known to 1.3 %; so few samples do not tell white noise from slow noise, for which their intervals allow as well: they hold in more than
+        // 95 of 100 cases
+        assert!((0.91..=0.996).contains(&cover), "{relative}: {cover}");
         assert!(squares[0] < 0.7 * squares[1], "{relative}: {squares:?}");
     }
 }

@@ -129,7 +129,7 @@ pub fn output_range<'v>(values: impl Iterator<Item = &'v f64> + Clone) -> f64 {
     if high > low { high - low } else { high.abs().max(1.0) }
 }
 
-/// Integration error of a response with these steps, measured as in [`Accuracy::error`]; infinite when it, or that with half the
+/// Integration error of a response with these steps, measured as in [`Accuracy::error`](super::Accuracy::error); infinite when it, or that with half the
 /// steps, is not finite.
 ///
 /// # Errors

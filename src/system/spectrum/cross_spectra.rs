@@ -101,9 +101,8 @@ impl CrossSpectra {
 /// window that changes little within an interval.
 fn with_means(mut even: EvenRows, run: &Run, inputs: usize, options: &SpectrumOptions) -> EvenRows {
     for channel in 0..inputs {
-        for (place, area) in
-            even.edges_of(channel, options.course(channel, inputs, &run.held)).iter().map(HeldEdge::area)
-        {
+        let edges = options.course(channel, inputs, &run.held).edges(even.edges_of(channel));
+        for (place, area) in edges.iter().map(HeldEdge::area) {
             even.rows[place * even.width + channel] += area;
         }
     }

@@ -2,7 +2,6 @@
 
 use super::error::{ChannelName, SpectrumError};
 use super::held_edges::{AtOutputs, HeldEdge};
-use super::spectrum::Course;
 use crate::record::Run;
 use crate::record::even_grid::{LONGEST_GAP, NotEven};
 
@@ -72,9 +71,9 @@ impl EvenRows {
         Ok(even)
     }
 
-    /// Changes of one channel between places, where it is taken as held.
-    pub(super) fn edges_of(&self, channel: usize, course: Course) -> Vec<HeldEdge> {
-        self.edges.iter().filter(|edge| edge.input == channel && course == Course::Held).copied().collect()
+    /// Changes of one channel between places, for one that is held.
+    pub(super) fn edges_of(&self, channel: usize) -> Vec<HeldEdge> {
+        self.edges.iter().filter(|edge| edge.input == channel).copied().collect()
     }
 
     /// Fills the gaps of a channel, linearly or with the value before; gives them.

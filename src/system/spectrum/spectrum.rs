@@ -109,7 +109,7 @@ impl Spectrum {
         let vanishes = |c: usize| c < m && options.vanishing.contains(&(c as u32));
         let inside = outer..outer + samples;
         let edges: Vec<Vec<HeldEdge>> =
-            courses.iter().enumerate().map(|(c, course)| even.edges_of(c, *course)).collect();
+            courses.iter().enumerate().map(|(c, course)| course.edges(even.edges_of(c))).collect();
         // what the mean over the record is more than that of samples, times their number
         let missed: Vec<f64> = edges.iter().map(|edges| held_edges::excess(edges, &inside)).collect();
         let sides: Vec<Sides> = courses
@@ -335,6 +335,11 @@ pub(super) enum Course {
 pub(super) type Sides = [[f64; 2]; 2];
 
 impl Course {
+    /// Edges between samples, which a held channel alone has.
+    pub(super) fn edges(self, edges: Vec<HeldEdge>) -> Vec<HeldEdge> {
+        if self == Self::Held { edges } else { Vec::new() }
+    }
+
     /// What the mean over the record is more than the mean of the samples, times their number.
     pub(super) fn excess(self, [left, right]: Sides) -> f64 {
         match self {
