@@ -2,7 +2,7 @@
 //! each.
 
 use crate::deliver::{NamedFile, refuse_others, write_all};
-use crate::failure::{Ending, Failure, OrFailure, as_json, ended, print, remark};
+use crate::failure::{Ending, Failure, OrFailure, as_json, ended, print, print_lines, remark};
 use crate::foreign_code::refuse_units_of;
 use crate::options::Repeats;
 use crate::progress::{Progress, RepeatProgress, counted};
@@ -83,7 +83,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     if outcomes.is_empty() && !wrong.is_empty() {
         return Err(Failure::input(wrong));
     }
-    let printed = print(&arguments.text(&outcomes)?);
+    let printed = arguments.print(&arguments.text(&outcomes)?);
     if !wrong.is_empty() {
         return Err(Failure::input(wrong));
     }
@@ -114,6 +114,11 @@ impl Arguments {
             return Err(Failure::input([format!("{}: no folder in it has an {}", folder.display(), Experiment::FILE)]));
         }
         Ok(catalogue.experiments)
+    }
+
+    /// JSON and Markdown keep their lines.
+    fn print(&self, made: &str) -> bool {
+        if self.json || self.markdown { print_lines(made) } else { print(made) }
     }
 
     fn text(&self, outcomes: &[Outcome]) -> Result<String, Failure> {
@@ -157,7 +162,7 @@ fn write_records(experiments: &[Experiment], folder: &Path, force: bool) -> Endi
         write_all(place, files)?;
         files.iter().for_each(|(name, _)| text.push_str(&format!("{}\n", place.join(name).display())));
     }
-    ended(print(&text))
+    ended(print_lines(&text))
 }
 
 fn nothing_to_repeat(name: &str) -> String {
@@ -246,7 +251,7 @@ impl Arguments {
                 }
             }
         }
-        let printed = studies.is_empty() || print(&self.study_text(&studies)?);
+        let printed = studies.is_empty() || self.print(&self.study_text(&studies)?);
         if !wrong.is_empty() {
             return Err(Failure::Input(wrong));
         }
