@@ -38,8 +38,7 @@ mod tests {
         let verbs: Vec<&str> = command.get_subcommands().map(Command::get_name).collect();
         let begins = GROUPS.map(|(_, first)| verbs.iter().position(|verb| *verb == first));
         assert_eq!(begins, [Some(0), Some(12), Some(21)], "{verbs:?}");
-        let mut command = command;
-        let help = command.render_help().to_string();
+        let help = command.clone().render_help().to_string();
         for verb in &verbs {
             let line = help.lines().find(|line| line.trim_start().starts_with(&format!("{verb} ")));
             assert!(line.is_some_and(|line| line.chars().count() <= 80), "{verb}: {line:?}");
