@@ -34,7 +34,7 @@ class Mapped:
     @property
     def text(self) -> str:
         """What the command prints."""
-        return _command(["merge", str(self.out), "--quiet"])[1]
+        return _command(["job", "merge", str(self.out), "--quiet"])[1]
 
     def __str__(self) -> str:
         return self.text
@@ -45,7 +45,9 @@ class Mapped:
 
 def _command(words: list[str], cwd: str | None = None) -> tuple[int, str, str]:
     """What the command does in a process of its own: a worker that is lost takes no state with it."""
-    done = subprocess.run([sys.executable, "-m", "fdm", *words], capture_output=True, text=True, cwd=cwd, check=False)
+    # a sentence a line
+    environment = {**os.environ, "COLUMNS": "100000"}
+    done = subprocess.run([sys.executable, "-m", "fdm", *words], capture_output=True, text=True, cwd=cwd, env=environment, check=False)
     return done.returncode, done.stdout, done.stderr
 
 
@@ -61,7 +63,7 @@ def _plan(job: str | os.PathLike[str] | Mapping[str, Any], untimed: bool) -> Pat
     path = Path(os.fspath(job)).absolute()
     if path.suffix != ".toml":
         return path
-    code, _, said = _command(["plan", str(path), "--quiet", *(["--untimed"] if untimed else [])])
+    code, _, said = _command(["job", "plan", str(path), "--quiet", *(["--untimed"] if untimed else [])])
     if code:
         raise _refused(said) if code == 2 else NumericalError(said.strip())
     return path.with_suffix(".plan")
@@ -136,7 +138,7 @@ def map(
             fdm.map("study.toml", pool)
         fdm.map({"command": "study", "model": "wing.fdm", "data": "run.csv", "repeats": 10000})
 
-    job: a job file (``.toml``), a plan that ``fdm plan`` made, or the keys of a job file. client: a client of Dask, the module ``ray``, an
+    job: a job file (``.toml``), a plan that ``fdm job plan`` made, or the keys of a job file. client: a client of Dask, the module ``ray``, an
     executor, or nothing for the cores of this machine. shards: parts that are started one by one; more of them are evener, and lose less
     with a worker [default: 4 for each core of this machine]. out: folder of the results, which all machines see and which stays;
     what is in it already is not done again [default: beside the plan, with the ending ``.tasks``]. threads: of each shard. retries: how
@@ -164,7 +166,7 @@ def _shards(client: Any, plan: Path, folder: Path, how: tuple[int, int, int]) ->
 
     def words(shard: int) -> list[str]:
         place = ["--shard", f"{shard}/{count}", "--out", str(folder), "--threads", str(threads)]
-        return ["run", str(plan), *place, "--quiet"]
+        return ["job", "run", str(plan), *place, "--quiet"]
 
     left, said = list(range(1, count + 1)), ""
     for _ in range(retries + 1):
@@ -189,7 +191,7 @@ def _shards(client: Any, plan: Path, folder: Path, how: tuple[int, int, int]) ->
 def _merged(plan: Path, folder: Path) -> Mapped:
     # several results have a folder each, and no common document
     one = len(json.loads(plan.read_text(encoding="utf-8"))["commands"]) == 1
-    code, text, said = _command(["merge", str(folder), "--quiet", *(["--json"] if one else [])])
+    code, text, said = _command(["job", "merge", str(folder), "--quiet", *(["--json"] if one else [])])
     if code == 2:
         raise _refused(said)
     if code and not text:

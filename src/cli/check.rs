@@ -2,7 +2,7 @@
 //! each vanishes at its null.
 
 use crate::effects::invalid;
-use crate::failure::{Ending, Failure, as_json, ended, print, tell};
+use crate::failure::{Ending, Failure, as_json, ended, print, print_lines, tell};
 use crate::load::{Estimated, ModelFile};
 use clap::Args;
 use fdm_grammar::effect::Catalogue;
@@ -32,10 +32,10 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         model => model?,
     };
     let found = verified(&model);
-    let printed = print(&match arguments.json {
-        true => as_json(&ModelDocument::of(&model, &found))?,
-        false => check_text(&model, &found),
-    });
+    let printed = match arguments.json {
+        true => print_lines(&as_json(&ModelDocument::of(&model, &found))?),
+        false => print(&check_text(&model, &found)),
+    };
     ended(found.passed() && printed)
 }
 
@@ -54,13 +54,12 @@ fn effects(source: &Source, json: bool) -> Ending {
     }
     tell(source, &findings);
     let all: Vec<String> = catalogue.effects().map(|e| e.signature()).collect();
-    let text = match json {
-        true => as_json(&CatalogueDocument { effects: all, passed: true })?,
+    ended(match json {
+        true => print_lines(&as_json(&CatalogueDocument { effects: all, passed: true })?),
         false => {
             let all: Vec<String> =
                 all.iter().map(|e| format!("{e}: vanishes at its null value, and has an effect elsewhere\n")).collect();
-            all.concat()
+            print(&all.concat())
         }
-    };
-    ended(print(&text))
+    })
 }

@@ -15,7 +15,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 #[command(next_help_heading = "Interruption")]
 pub(crate) struct Checkpoints {
     /// Keep a checkpoint in a folder: the same command resumes where it was interrupted, and ends with the same numbers
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", hide_short_help = true)]
     checkpoint: Option<PathBuf>,
     /// What was done elsewhere, where this is the end of a job.
     #[arg(skip)]

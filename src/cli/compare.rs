@@ -39,7 +39,7 @@ pub(crate) struct Arguments {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
-    let mut progress = Progress::new(arguments.output.quiet);
+    let mut progress = Progress::new(arguments.output.manner.quiet);
     let (mut results, mut held) = (Vec::new(), Vec::new());
     for folder in &arguments.results {
         match Diagnosed::open(folder)? {
@@ -74,10 +74,10 @@ fn predictions(
     (results, held): (&[(ResultFolder, Model)], &[RecordFile]),
     comparison: &Comparison,
 ) -> Result<Vec<Prediction>, Failure> {
-    let mut progress = Progress::new(arguments.output.quiet);
+    let mut progress = Progress::new(arguments.output.manner.quiet);
     let mut predictions = Vec::new();
     for (k, ((folder, model), candidate)) in results.iter().zip(&comparison.candidates).enumerate() {
-        let quiet = arguments.output.quiet || k > 0;
+        let quiet = arguments.output.manner.quiet || k > 0;
         let elsewhere = vec![true; model.layout().outputs];
         let options = arguments.selection.options(true);
         let mut files = match arguments.data.is_empty() && !arguments.list.is_given() {

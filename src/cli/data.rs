@@ -1,7 +1,7 @@
 //! `fdm data`: what a log or data file holds, and channels of it as a table of text.
 
 use crate::deliver::write;
-use crate::failure::{Ending, Failure, as_json, ended, print, print_data, remark};
+use crate::failure::{Ending, Failure, as_json, aside, ended, print, print_data, print_lines};
 use crate::load::map_file;
 use crate::ownership::{Overwriting, refuse_other_tables};
 use clap::Args;
@@ -41,10 +41,10 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let (log, notes) = open_log(&arguments.file, arguments.salvage).map_err(|e| Failure::Records(vec![e]))?;
     let mut said: Vec<String> = notes.iter().map(ToString::to_string).collect();
     let Some(map) = &arguments.take else {
-        said.iter().for_each(|note| remark(format_args!("note: {}", visible(note))));
+        said.iter().for_each(|note| aside(format_args!("note: {}", visible(note))));
         let document = LogDocument::of(&log, said);
         if arguments.json {
-            return ended(print(&as_json(&document)?));
+            return ended(print_lines(&as_json(&document)?));
         }
         let fields = if arguments.list { format!("\n{}", log_fields(&document)) } else { String::new() };
         return ended(print(&format!("{}{fields}", log_table(&document))));
@@ -61,7 +61,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     if !held.is_empty() {
         said.push(format!("values hold until the next: read them with --zoh {}", held.join(" --zoh ")));
     }
-    said.iter().for_each(|note| remark(format_args!("note: {}", visible(note))));
+    said.iter().for_each(|note| aside(format_args!("note: {}", visible(note))));
     let text = table(&arguments.file, log.format, &taken, &said);
     match &arguments.output {
         Some(path) => {

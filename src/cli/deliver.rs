@@ -1,7 +1,7 @@
 //! Where a result goes: to the terminal as text or JSON, to a picture, to a folder, to a page.
 
 use crate::bands::edges;
-use crate::failure::{Failure, OrFailure, Unwritten, as_json, at, print, remark};
+use crate::failure::{Failure, OrFailure, Unwritten, as_json, at, print, print_lines, remark};
 use crate::load::Campaign;
 use crate::margins;
 use crate::modes::of_result;
@@ -30,9 +30,19 @@ pub(crate) struct Output {
     /// Print JSON instead of tables
     #[arg(long)]
     pub(crate) json: bool,
+    #[command(flatten)]
+    pub(crate) manner: Manner,
+}
+
+/// How much is said, by every verb alike; these options stand in front of the verb too.
+#[derive(Debug, Args)]
+pub(crate) struct Manner {
     /// Say nothing while working
-    #[arg(short, long)]
+    #[arg(short, long, global = true, display_order = 1000, help_heading = None)]
     pub(crate) quiet: bool,
+    /// Say every remark, and how each run is integrated
+    #[arg(long, global = true, display_order = 1001, help_heading = None)]
+    pub(crate) verbose: bool,
 }
 
 impl Output {
@@ -42,7 +52,12 @@ impl Output {
         text: impl FnOnce() -> String,
         document: impl FnOnce() -> D,
     ) -> Result<bool, Failure> {
-        Ok(print(&if self.json { as_json(&document())? } else { text() }))
+        Ok(if self.json { print_lines(&as_json(&document())?) } else { print(&text()) })
+    }
+
+    /// Prints what was made before, text or JSON as was asked for.
+    pub(crate) fn print_made(&self, made: &str) -> bool {
+        if self.json { print_lines(made) } else { print(made) }
     }
 }
 
@@ -50,15 +65,19 @@ impl Output {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Result")]
 pub(crate) struct Places {
-    /// Write everything to a folder: model, options, fingerprints of the data, result, tables, pictures
+    /// Write everything to a folder: model, result, tables, pictures
+    ///
+    /// With the options and the fingerprints of the data.
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
-    /// Write one page for a browser with equations, tables and figures, as `fdm report` makes it from a folder
+    /// Write one page for a browser, as `fdm report` does
+    ///
+    /// Equations, tables and figures, as `fdm report` makes them from a folder.
     #[arg(long, value_name = "FILE.html")]
     pub(crate) report: Option<PathBuf>,
     /// Replace files that fdm did not write; in the folder of --out those too that were changed since, while files with other names
     /// stay in any case
-    #[arg(long)]
+    #[arg(long, hide_short_help = true)]
     force: bool,
     /// The words that a result is to tell as its command, where they are not those of this process.
     #[arg(skip)]
@@ -85,7 +104,7 @@ pub(crate) struct Delivery {
     #[command(flatten)]
     pub(crate) output: Output,
     /// Draw measurement, model and residual over time to an SVG file
-    #[arg(long, value_name = "FILE.svg")]
+    #[arg(long, value_name = "FILE.svg", hide_short_help = true)]
     pub(crate) plot: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) places: Places,
@@ -244,7 +263,7 @@ impl Prepared<'_> {
     /// Prints what was rendered before, then writes what was asked for.
     pub(crate) fn hand_over(&self, result: Rendered) -> bool {
         let printed = match &result.printed {
-            Ok(text) => print(text),
+            Ok(made) => self.output.print_made(made),
             Err(e) => {
                 remark(format_args!("error: {e}"));
                 false

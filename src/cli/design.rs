@@ -83,7 +83,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     if !arguments.between.is_empty() {
         return between(arguments);
     }
-    let quiet = arguments.output.quiet;
+    let quiet = arguments.output.manner.quiet;
     let (model, folder) = arguments.model.load()?;
     let model = arguments.model.changed(&model)?;
     let runs = read_runs(&arguments.files()?, &model, &[], quiet)?;
@@ -109,7 +109,7 @@ fn between(arguments: &Arguments) -> Ending {
     let [first, second] = &arguments.between[..] else {
         return Err(Failure::input(["--between takes two models or results: `--between linear.fdm,extended.fdm`"]));
     };
-    let quiet = arguments.output.quiet;
+    let quiet = arguments.output.manner.quiet;
     let mut loaded = Vec::new();
     for path in [first, second] {
         let own = arguments.model.of(path);

@@ -2,7 +2,7 @@
 
 use crate::deliver::{NamedFile, Output, Places, overlay_table, run_file, write};
 use crate::effects::{Chosen, Effects, difference};
-use crate::failure::{Ending, Failure, OrFailure, as_json, ended, print, remark};
+use crate::failure::{Ending, Failure, OrFailure, as_json, ended, remark};
 use crate::halt::{Halt, TimeLimit};
 use crate::load::{Campaign, Estimated, ModelFile, Records, data_files, number};
 use crate::methods::Domain;
@@ -32,7 +32,9 @@ pub(crate) struct Arguments {
     pub(crate) model: ModelFile,
     #[command(flatten)]
     pub(crate) records: Records,
-    /// Validation data: a run that is not fitted; an effect must improve its prediction too; may be given several times
+    /// Validation data: an effect must improve its prediction too
+    ///
+    /// A run that is not fitted; may be given several times.
     #[arg(long, value_name = "RUN", help_heading = "Data")]
     validation: Vec<PathBuf>,
     #[command(flatten)]
@@ -42,19 +44,20 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     estimated: Estimated,
     /// Family-wise probability of a false alarm, over the whole catalogue
-    #[arg(long, value_name = "P", default_value_t = 0.03, value_parser = probability, help_heading = "Search")]
+    #[arg(long, value_name = "P", default_value_t = 0.03, value_parser = probability, help_heading = "Search", hide_short_help = true)]
     alpha: f64,
     /// Most effects that are added, one after the other
     #[arg(long = "max-effects", value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u16).range(0..=20), help_heading = "Search")]
     most: u16,
     /// Where models are compared with records; `frequency` is for linear models, unstable ones too, and for nonlinear terms
     /// that can be computed from the records
-    #[arg(long, value_name = "time|frequency", value_enum, default_value_t = Domain::Time, help_heading = "Frequency domain")]
+    #[arg(long, value_name = "time|frequency", value_enum, default_value_t = Domain::Time, help_heading = "Frequency domain", hide_short_help = true)]
     domain: Domain,
     #[command(flatten)]
     spectra: DiagnosedSpectra,
-    /// Write the model with the accepted effects: your own text with the new lines in place. Your start values stay; new parameters
-    /// start at their estimates
+    /// Write the model with the accepted effects
+    ///
+    /// Your own text with the new lines in place. Your start values stay; new parameters start at their estimates.
     #[arg(long, value_name = "FILE", help_heading = "Result")]
     write: Option<PathBuf>,
     #[command(flatten)]
@@ -77,7 +80,7 @@ pub(crate) fn probability(text: &str) -> Result<f64, String> {
 pub(crate) fn run(arguments: &Arguments) -> Ending {
     let (domain, catalogue) = arguments.searched()?;
     let model = arguments.model.load_for(&arguments.records)?;
-    let quiet = arguments.output.quiet;
+    let quiet = arguments.output.manner.quiet;
     let (campaign, validation) = arguments.records.read_with_validation(&model, &arguments.validation, quiet)?;
     let runs = &campaign.runs[..];
     // places that cannot be written are told before the work
@@ -86,11 +89,11 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     if let Some(whole) = arguments.done.as_deref().and_then(|done| job::Kind::whole(done)) {
         let Whole { good, printed, files } = postcard::from_bytes(&whole).or_failure()?;
         let failed = files.and_then(|files| arguments.write_files(&files, destination.as_ref()).err());
-        let whole = print(&printed);
+        let whole = arguments.output.print_made(&printed);
         failed.iter().for_each(|failure| remark(format_args!("error: {failure}")));
         return ended(whole && good && failed.is_none());
     }
-    let mut progress = Progress::new(arguments.output.quiet).within(&arguments.limit);
+    let mut progress = Progress::new(arguments.output.manner.quiet).within(&arguments.limit);
     let (_writer, _) = progress.follow(destination.iter().map(|d| d.folder().to_path_buf()).collect(), &model);
     let (found, in_time) = search(&model, (runs, &validation), (&catalogue, &options), progress);
     let found = match found {
@@ -277,7 +280,7 @@ impl Arguments {
             let files = manifest.sealed(files(model, (&text, &json), &difference, found)).map_err(|e| e.to_string());
             failed.extend(files.and_then(|files| self.write_files(&files, destination)).err());
         }
-        let printed = print(if self.output.json { &json } else { &text });
+        let printed = self.output.print_made(if self.output.json { &json } else { &text });
         failed.iter().for_each(|failure| remark(format_args!("error: {failure}")));
         ended(printed && failed.is_empty())
     }

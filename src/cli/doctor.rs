@@ -28,15 +28,17 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     records: Records,
     /// Probability of a finding in a record without a fault, over all tests of the record by itself
-    #[arg(long, value_name = "P", default_value_t = 0.01, value_parser = crate::diagnose::probability, help_heading = "Judgement")]
+    #[arg(long, value_name = "P", default_value_t = 0.01, value_parser = crate::diagnose::probability, help_heading = "Judgement", hide_short_help = true)]
     alpha: f64,
     /// Odds that a fault must have beside the model to be told
-    #[arg(long, value_name = "N", default_value_t = 20.0, value_parser = odds, help_heading = "Judgement")]
+    #[arg(long, value_name = "N", default_value_t = 20.0, value_parser = odds, help_heading = "Judgement", hide_short_help = true)]
     odds: f64,
     /// Do not estimate delays, filters, offsets, scale factors and drifts of clocks beside the model
-    #[arg(long, requires = "model", help_heading = "Judgement")]
+    #[arg(long, requires = "model", help_heading = "Judgement", hide_short_help = true)]
     no_estimated: bool,
-    /// Write a map with the repairs of findings that a map can hold; the record is not touched
+    /// Write a map with the repairs; the record is not touched
+    ///
+    /// Of findings that a map can hold.
     #[arg(long, value_name = "MAP.toml", help_heading = "Result")]
     pub(crate) fix: Option<PathBuf>,
     /// Write one page for a browser: each finding with its channel drawn
@@ -63,7 +65,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     if let Some(path) = arguments.fix.as_ref().filter(|_| !arguments.overwriting.force) {
         refuse_other_tables(path, BEGINNING.as_bytes())?;
     }
-    let progress = Progress::new(arguments.output.quiet).within(&arguments.limit);
+    let progress = Progress::new(arguments.output.manner.quiet).within(&arguments.limit);
     let judged = arguments.judged(&progress);
     progress.finish();
     // both are told

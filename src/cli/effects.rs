@@ -1,7 +1,7 @@
 //! `fdm effects`: what may be missing from a model, and where; `fdm extend`: a model's own text with effects in it.
 
 use crate::deliver::write;
-use crate::failure::{Ending, Failure, as_json, did_you_mean, ended, print, print_coloured, print_data};
+use crate::failure::{Ending, Failure, as_json, did_you_mean, ended, print_coloured, print_data, print_lines};
 use crate::load::{load_model, number};
 use crate::ownership::Overwriting;
 use clap::Args;
@@ -18,24 +18,29 @@ use std::path::{Path, PathBuf};
 
 /// Catalogues of effects.
 #[derive(Debug, Args)]
+#[command(next_help_heading = "Search")]
 pub(crate) struct Effects {
     /// Effects of your own (.fdm), beside the built-in ones; one of the same name replaces a built-in one
-    #[arg(long = "effects", value_name = "FILE")]
+    #[arg(long = "effects", value_name = "FILE", hide_short_help = true)]
     files: Vec<PathBuf>,
 }
 
 /// Which effects of the catalogue.
 #[derive(Debug, Args)]
+#[command(next_help_heading = "Search")]
 pub(crate) struct Chosen {
     /// Search these effects only, such as `input_delay,actuator_lag`
     #[arg(long, value_name = "NAMES", value_delimiter = ',', conflicts_with = "without")]
     only: Vec<String>,
-    /// Search all effects but these; a model with many states has hundreds of places for a `product_term`
+    /// Search all effects but these
+    ///
+    /// A model with many states has hundreds of places for a `product_term`.
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     without: Vec<String>,
-    /// Of the effects that belong to a field, those of these: aircraft, rotorcraft, ship, mechanism, process, kinetics. Without it
-    /// all of which a model has few places
-    #[arg(long, value_name = "FIELDS", value_delimiter = ',', value_parser = field)]
+    /// Of the effects that belong to a field, those of these
+    ///
+    /// Fields are aircraft, rotorcraft, ship, mechanism, process, kinetics. Without it all of which a model has few places.
+    #[arg(long, value_name = "FIELDS", value_delimiter = ',', value_parser = field, hide_short_help = true)]
     catalogue: Vec<Field>,
 }
 
@@ -101,7 +106,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let (_, subject) = subject(&arguments.model)?;
     let places = catalogue.places(&subject);
     ended(match arguments.json {
-        true => print(&as_json(&EffectsDocument::of(&catalogue, &places))?),
+        true => print_lines(&as_json(&EffectsDocument::of(&catalogue, &places))?),
         false => print_coloured(|colour| as_text(&catalogue, &places, colour)),
     })
 }

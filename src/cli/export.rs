@@ -2,8 +2,8 @@
 
 use crate::campaign::{Role, known_value};
 use crate::deliver::write;
-use crate::failure::{Ending, Failure, OrFailure, ended, print_data, remark};
-use crate::load::{ModelOrResult, RunList, map_file, number, pair, read_runs};
+use crate::failure::{Ending, Failure, OrFailure, aside, ended, print_data};
+use crate::load::{Estimated, ModelOrResult, RunList, map_file, number, pair, read_runs, with_changes};
 use crate::modes::with_estimates;
 use crate::ownership::Overwriting;
 use crate::problem;
@@ -30,6 +30,8 @@ pub(crate) struct Arguments {
     /// Run of the result whose per-run parameters (biases, initial states) are used [default: the only one]
     #[arg(long, value_name = "RUN", requires = "from_result", help_heading = "Parameters")]
     like: Option<String>,
+    #[command(flatten)]
+    estimated: Estimated,
     /// What is written
     #[arg(long, value_name = "KIND")]
     to: To,
@@ -39,6 +41,10 @@ pub(crate) struct Arguments {
     /// Library that goes into a unit [default: beside this program; `cargo build --release --package fdm-fmu` builds it]
     #[arg(long, value_name = "FILE")]
     library: Option<PathBuf>,
+    /// Elementary functions of Rust: `libm` (the crate; results equal those of fdm to the bit), `std`, or the path of a module of your
+    /// own; in C they are chosen when the file is compiled [default: libm]
+    #[arg(long, value_name = "PATH")]
+    elementary: Option<String>,
     #[command(flatten)]
     recursive: Recursive,
     /// The file, or the folder of a problem; `-` for standard output, where it is text
@@ -120,9 +126,9 @@ impl Recursive {
 enum To {
     /// Functional mock-up unit, for model exchange and co-simulation
     Fmu,
-    /// C99, one file
+    /// C99, one file: rates, outputs, their derivatives and sensitivities, equal to the bit
     C,
-    /// Rust, one module
+    /// Rust, one module, with what the file of C holds
     Rust,
     /// State space as JSON, for python-control and SciPy
     Control,
@@ -162,6 +168,7 @@ pub(crate) fn without_units(model: &Model) -> Result<(), Failure> {
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
     arguments.recursive.refuse(arguments.to)?;
+    arguments.refuse_elementary()?;
     let file = arguments.output.as_deref().filter(|path| *path != Path::new("-"));
     if arguments.to == To::Petab {
         let Some(folder) = file else {
@@ -170,6 +177,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         return problem::run(&arguments.model, folder);
     }
     let (model, errors) = with_values(&arguments.model, arguments.like.as_deref())?;
+    let model = with_changes(&model, &arguments.estimated.changes())?;
     // matrices are numbers; everything else would have to bring the code
     if arguments.to != To::Control {
         without_units(&model)?;
@@ -183,14 +191,14 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         }
         To::C if arguments.recursive.recursive => arguments.recursive.source(&model)?,
         To::C => source(&model, &Language::C).or_failure()?,
-        To::Rust => source(&model, &Language::Rust(Elementary::Path("libm".into()))).or_failure()?,
+        To::Rust => source(&model, &Language::Rust(arguments.elementary()?)).or_failure()?,
         // written before
         To::Petab => String::new(),
         To::Jsbsim => system(&model).or_failure()?,
         To::Daveml => {
             let found = tables(&model, &errors).or_failure()?;
             for (table, error) in &found.resampled {
-                remark(format_args!(
+                aside(format_args!(
                     "note: `{table}` is no linear table: on a finer grid straight lines err by {error:.1e} at most"
                 ));
             }
@@ -199,7 +207,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         To::Control => {
             let found = StateSpace::of(&model).or_failure()?;
             if !found.delays.is_empty() {
-                remark(format_args!(
+                aside(format_args!(
                     "note: {} delayed signal(s) stand beside the matrices, under `delays`",
                     found.delays.len()
                 ));
@@ -210,6 +218,32 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let Some(path) = file else { return ended(print_data(&text)) };
     write(path, text)?;
     ended(true)
+}
+
+impl Arguments {
+    /// Elementary functions are chosen where Rust is written.
+    fn refuse_elementary(&self) -> Result<(), Failure> {
+        let said = match (&self.elementary, self.to) {
+            (None, _) | (_, To::Rust) => return Ok(()),
+            (_, To::C) => "--elementary is for Rust: in C use `cc -DFDM_ELEMENTARY=...` when you compile the file",
+            _ => "--elementary is for --to rust",
+        };
+        Err(Failure::input([said]))
+    }
+
+    /// Where Rust finds elementary functions.
+    fn elementary(&self) -> Result<Elementary, Failure> {
+        let word = |part: &str| {
+            let mut letters = part.chars();
+            letters.next().is_some_and(|c| c.is_ascii_alphabetic() || c == '_')
+                && letters.all(|c| c.is_ascii_alphanumeric() || c == '_')
+        };
+        match self.elementary.as_deref().unwrap_or("libm") {
+            "std" => Ok(Elementary::Std),
+            path if path.trim_start_matches("::").split("::").all(word) => Ok(Elementary::Path(path.into())),
+            path => Err(Failure::input([format!("`{path}` is not the path of a Rust module")])),
+        }
+    }
 }
 
 fn unit(arguments: &Arguments, (model, errors): (&Model, &BTreeMap<String, f64>), path: &Path) -> Ending {

@@ -1,9 +1,10 @@
 //! How a command ends: its exit code, what it prints, and what it says when the input is wrong.
 
 use crate::load::with_files;
+use crate::terminal::{Stream, width};
 use fdm_grammar::diagnostic::nearest;
 use fdm_grammar::{Diagnostic, Source};
-use fdm_report::{render, visible};
+use fdm_report::{render, visible, wrapped};
 use fdm_results::store::reason;
 use fdm_system::ModelError;
 use fdm_system::record::RecordError;
@@ -11,6 +12,7 @@ use std::fmt::Display;
 use std::io::IsTerminal;
 use std::path::Path;
 use std::process::ExitCode;
+use std::sync::OnceLock;
 
 /// Numbers went wrong: the result so far has been printed.
 const NUMBERS: u8 = 1;
@@ -108,11 +110,13 @@ impl From<ModelError> for Failure {
 /// Words on the command line that mean nothing, or that ask for help.
 pub(crate) fn refuse_words(e: &clap::Error) -> ExitCode {
     let plain = e.render().to_string();
-    if e.use_stderr() && visible(&plain) != plain {
-        murmur(&visible(&plain));
-    } else {
-        // with colours where they are wanted
+    if !e.use_stderr() {
+        // help, which clap has wrapped, with colours where they are wanted
         let _ = e.print();
+    } else if in_colours(&std::io::stderr()) && visible(&plain) == plain {
+        murmur(&wrapped(&e.render().ansi().to_string(), width(Stream::Error)));
+    } else {
+        murmur(&wrapped(&visible(&plain), width(Stream::Error)));
     }
     ExitCode::from(u8::try_from(e.exit_code()).unwrap_or(INPUT))
 }
@@ -160,9 +164,10 @@ pub(crate) fn tell(source: &Source, findings: &[Diagnostic]) {
     let plain = render(source, findings, false);
     // what would act on the terminal is shown without colours, which act on it too
     let coloured = in_colours(&std::io::stderr()) && visible(&plain) == plain;
+    let columns = width(Stream::Error);
     match coloured {
-        true => murmur(&render(source, findings, true)),
-        false => murmur(&visible(&plain)),
+        true => murmur(&wrapped(&render(source, findings, true), columns)),
+        false => murmur(&wrapped(&visible(&plain), columns)),
     }
     let mut codes: Vec<&str> = Vec::new();
     for code in findings.iter().map(|f| f.code.text()) {
@@ -178,9 +183,24 @@ pub(crate) fn in_colours(stream: &impl IsTerminal) -> bool {
     stream.is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty())
 }
 
-/// Writes a line to standard error; where nobody listens it is lost.
+/// Writes a line to standard error, wrapped; where nobody listens it is lost.
 pub(crate) fn remark(line: std::fmt::Arguments<'_>) {
-    murmur(&visible(&format!("{line}\n")));
+    murmur(&wrapped(&visible(&format!("{line}\n")), width(Stream::Error)));
+}
+
+/// Whether nothing is said that the result does not depend on.
+static QUIET: OnceLock<bool> = OnceLock::new();
+
+/// From now on what [`aside`] says is left out, where that is wanted.
+pub(crate) fn keep_quiet(quiet: bool) {
+    let _ = QUIET.set(quiet);
+}
+
+/// A remark that `--quiet` leaves out.
+pub(crate) fn aside(line: std::fmt::Arguments<'_>) {
+    if QUIET.get() != Some(&true) {
+        remark(line);
+    }
 }
 
 /// Writes a text to standard error as it is.
@@ -189,8 +209,13 @@ fn murmur(text: &str) {
     let _ = std::io::stderr().lock().write_all(text.as_bytes());
 }
 
-/// Prints what people read, or JSON: nothing in it acts on a terminal.
+/// Prints what people read, wrapped: nothing in it acts on a terminal.
 pub(crate) fn print(text: &str) -> bool {
+    print_as_it_is(&wrapped(&visible(text), width(Stream::Out)))
+}
+
+/// Prints JSON, source and names of files, line by line as they are; nothing in them acts on a terminal.
+pub(crate) fn print_lines(text: &str) -> bool {
     print_as_it_is(&visible(text))
 }
 
@@ -198,12 +223,12 @@ pub(crate) fn print(text: &str) -> bool {
 pub(crate) fn print_coloured(text: impl Fn(bool) -> String) -> bool {
     let plain = text(false);
     let coloured = in_colours(&std::io::stdout()) && visible(&plain) == plain;
-    if coloured { print_as_it_is(&text(true)) } else { print(&plain) }
+    if coloured { print_as_it_is(&wrapped(&text(true), width(Stream::Out))) } else { print(&plain) }
 }
 
 /// Prints what programs read: as it is, unless it goes to a terminal.
 pub(crate) fn print_data(text: &str) -> bool {
-    if std::io::stdout().is_terminal() { print(text) } else { print_as_it_is(text) }
+    if std::io::stdout().is_terminal() { print_lines(text) } else { print_as_it_is(text) }
 }
 
 /// Writes to standard output; a closed pipe is an end, not a failure. What cannot be written is told; says whether all was.

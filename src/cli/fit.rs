@@ -42,7 +42,9 @@ pub(crate) struct Arguments {
     pub(crate) model: ModelFile,
     #[command(flatten)]
     pub(crate) records: Records,
-    /// Validation data: a run that is not fitted but predicted with the result; may be given several times
+    /// Validation data: a run that is predicted, not fitted
+    ///
+    /// May be given several times.
     #[arg(long, value_name = "RUN", help_heading = "Data")]
     validation: Vec<PathBuf>,
     #[command(flatten)]
@@ -50,17 +52,25 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     noise: MeasurementNoise,
     /// What is made of residuals: `squares`, or against outliers `huber` (1.345 deviations, or `huber:K`) and `student` (4 degrees of freedom, or `student:N`)
-    #[arg(long, value_name = "LOSS", default_value = "squares", help_heading = "Estimation")]
+    #[arg(long, value_name = "LOSS", default_value = "squares", help_heading = "Estimation", hide_short_help = true)]
     loss: Loss,
     #[command(flatten)]
     methods: Methods,
-    /// Fit from N starts and take the best: the given one, and random ones between the bounds of the parameters or around their
-    /// start values
+    /// Fit from N starts and take the best
+    ///
+    /// The given one, and random ones between the bounds of the parameters or around their start values.
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Estimation",
           allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     starts: u32,
     /// Seed of the random starts
-    #[arg(long, value_name = "S", default_value_t = 0, allow_negative_numbers = true, help_heading = "Estimation")]
+    #[arg(
+        long,
+        value_name = "S",
+        default_value_t = 0,
+        allow_negative_numbers = true,
+        help_heading = "Estimation",
+        hide_short_help = true
+    )]
     seed: u64,
     #[command(flatten)]
     strategies: Strategies,
@@ -71,16 +81,13 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     pub(crate) limit: TimeLimit,
     /// Show the 95 % interval of each parameter
-    #[arg(long, help_heading = "Result")]
+    #[arg(long, help_heading = "Result", hide_short_help = true)]
     intervals: bool,
-    /// Every remark, not only the five that speak most against the result, and how each run is integrated
-    #[arg(long, help_heading = "Result")]
-    verbose: bool,
     /// Show the iterations
-    #[arg(long, help_heading = "Result")]
+    #[arg(long, help_heading = "Result", hide_short_help = true)]
     history: bool,
     /// Watch the cost fall, and see measurement and model in the terminal
-    #[arg(long, help_heading = "Result")]
+    #[arg(long, help_heading = "Result", hide_short_help = true)]
     watch: bool,
     #[command(flatten)]
     pub(crate) checkpoints: Checkpoints,
@@ -136,7 +143,7 @@ impl Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
     let question = arguments.question()?;
-    let quiet = arguments.delivery.output.quiet;
+    let quiet = arguments.delivery.output.manner.quiet;
     if question.method == Method::EquationError {
         let asked = (&arguments.model, &arguments.estimated, &arguments.records);
         let frequencies = (question.domain == Domain::Frequency).then(|| arguments.frequencies());
@@ -276,7 +283,7 @@ impl<'a> Task<'a> {
         let mut verdict = fit_verdict(&document);
         ask_doctor((found.model(), found.estimate(), runs), &mut document, &mut verdict, progress);
         let told = |verbose: bool| format!("{}{}", self.text, found.text(self.arguments, runs, (&verdict, verbose)));
-        let (mut text, mut whole) = (told(self.arguments.verbose), told(true));
+        let (mut text, mut whole) = (told(self.arguments.delivery.output.manner.verbose), told(true));
         if let Some(predicted) = found.predicted(validation, self.options.noise(), progress)? {
             let mut said = format!("\nvalidation runs, not fitted\n{}", prediction_table(&predicted.quality));
             let baselines = predicted.baselines(validation, 0.0);

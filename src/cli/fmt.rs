@@ -1,7 +1,7 @@
 //! `fdm fmt`: models in the standard layout.
 
 use crate::deliver::write;
-use crate::failure::{Ending, Failure, OrFailure, ended, print, print_data};
+use crate::failure::{Ending, Failure, OrFailure, ended, print_data, print_lines};
 use clap::Args;
 use fdm_grammar::Source;
 use fdm_grammar::format::{Refusal, format};
@@ -40,7 +40,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         }
     }
     // the others are laid out although some cannot be read
-    let printed = print(&changed);
+    let printed = print_lines(&changed);
     if let Some(last) = failures.pop() {
         for failure in &failures {
             failure.report();

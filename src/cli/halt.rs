@@ -10,7 +10,9 @@ use std::time::{Duration, Instant};
 /// How long a command may work.
 #[derive(Debug, Args)]
 pub(crate) struct TimeLimit {
-    /// Longest time to work, such as 60s, 5m or 1h; then the best so far is printed and kept, with exit code 1
+    /// Longest time to work, such as 60s, 5m or 1h
+    ///
+    /// Then the best so far is printed and kept, with exit code 1.
     #[arg(long, value_name = "TIME", value_parser = duration, help_heading = "Limits", allow_negative_numbers = true)]
     time_limit: Option<Duration>,
 }

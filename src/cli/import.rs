@@ -4,7 +4,7 @@
 use crate::deliver::{refuse_standing, write_folder};
 use crate::failure::{Ending, Failure};
 #[cfg(feature = "petab")]
-use crate::failure::{ended, print, remark};
+use crate::failure::{aside, ended, print};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -38,7 +38,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     files.extend(import.runs.iter().map(|f| (f.path.as_str(), &f.text)));
     let files: Vec<_> = files.iter().map(|(name, text)| (name.to_string(), text.as_bytes().to_vec())).collect();
     write_folder(folder, &files)?;
-    import.remarks.iter().for_each(|r| remark(format_args!("note: {r}")));
+    import.remarks.iter().for_each(|r| aside(format_args!("note: {r}")));
     let place = folder.display();
     let next = match import.runs.is_empty() {
         true => format!("{place}\n\n  fdm check {place}/model.fdm\n"),

@@ -7,7 +7,6 @@ mod bands;
 mod campaign;
 mod check;
 mod checkpoint;
-mod codegen;
 mod compare;
 mod data;
 mod delays;
@@ -16,7 +15,6 @@ mod design;
 mod diagnose;
 mod doctor;
 mod effects;
-mod engine;
 mod export;
 mod failure;
 mod first_cause;
@@ -31,15 +29,14 @@ mod job;
 pub mod language_server;
 mod load;
 mod margins;
-mod merge;
 mod methods;
 mod modes;
 mod new;
 mod options;
+mod overview;
 mod ownership;
 mod page;
 mod paths;
-mod plan;
 mod problem;
 mod profile;
 mod progress;
@@ -48,14 +45,14 @@ mod project;
 mod regress;
 mod reproduce;
 pub mod request;
-mod run;
 mod sample;
 mod show;
 mod simulate;
 mod spectra;
-mod status;
 mod study;
+mod subjects;
 mod tasks;
+mod terminal;
 mod trust;
 mod validate;
 mod verify;
@@ -67,102 +64,133 @@ use std::sync::OnceLock;
 
 /// Find the mathematical model of a moving vehicle or a chemical reaction from measured data.
 #[derive(Debug, Parser)]
-#[command(name = "fdm", bin_name = "fdm", version, max_term_width = 110)]
+#[command(name = "fdm", bin_name = "fdm", version, after_help = overview::ADVICE)]
 struct Arguments {
     #[command(subcommand)]
     verb: Verb,
-    /// Number of threads; results do not depend on it [default: all cores]
-    #[arg(long, global = true, value_name = "N", display_order = 1000, allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    #[command(flatten)]
+    manner: deliver::Manner,
+    /// Number of threads, on which no result depends
+    #[arg(long, global = true, value_name = "N", display_order = 1002, allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
-    /// Leave the project file (`fdm.toml`, in this folder or one above) aside
-    #[arg(long, global = true, display_order = 1001)]
+    /// Leave the project file (`fdm.toml`) aside
+    #[arg(long, global = true, display_order = 1003)]
     no_project: bool,
-    /// Let machine code of functional mock-up units run in a model that a file names (project, job, experiment) and that was not typed
-    #[arg(long, global = true, display_order = 1002)]
+    /// Let machine code of units run in models that a file names
+    #[arg(long, global = true, display_order = 1004)]
     allow_units: bool,
 }
 
+/// The verbs, in the order in which the overview lists them.
 #[derive(Debug, Subcommand)]
 enum Verb {
-    /// Check a model: every mistake in its text, then every derivative against a complex step
-    Check(check::Arguments),
+    /// Write a first model with comments, and a record to try it on
+    New(new::Arguments),
     /// Look into a log or data file, and take channels from it as CSV
     Data(data::Arguments),
-    /// Optimal input design: the manoeuvres of the next runs that reduce the standard errors most
-    Design(design::Arguments),
-    /// Find what a model gets wrong: name the cause, extend the model's text, measure the gain
-    Diagnose(Box<diagnose::Arguments>),
-    /// Judge records before they are believed: faults with odds, biases and repairs, by themselves and beside a model
+    /// Judge records before they are believed: faults, odds, repairs
     Doctor(doctor::Arguments),
-    /// List candidate effects for a model: the catalogue, and where each effect fits
-    Effects(effects::Arguments),
-    /// Write a model or a result for other tools: functional mock-up unit, C, Rust, state space, JSBSim, DAVE-ML, PEtab
-    Export(export::Arguments),
-    /// Write effects into a model's own text, and print what changes
-    Extend(effects::Extend),
-    /// Simulate a model over recorded inputs
-    Simulate(simulate::Arguments),
+    /// Check a model: every mistake in its text, and every derivative
+    Check(check::Arguments),
     /// Estimate the parameters of a model from one or several runs
     Fit(Box<fit::Arguments>),
-    /// Format models: indents, spaces and columns; nothing else changes
-    Fmt(fmt::Arguments),
-    /// Language server for editors, on standard input and output (Language Server Protocol)
-    Lsp(language_server::Arguments),
-    /// Profile-likelihood confidence intervals
-    Profile(Box<profile::Arguments>),
+    /// Validate a result with runs that it was not fitted to
+    ///
+    /// Only per-run parameters are estimated again: biases and initial states.
+    Validate(validate::Arguments),
+    /// Find what a model gets wrong, extend its text, measure the gain
+    Diagnose(Box<diagnose::Arguments>),
+    /// Compare results: criteria, parameters, tests, predictions
+    ///
+    /// Criteria, parameters, tests of nested models, predictions of validation data.
+    Compare(compare::Arguments),
+    /// Simulate a model over recorded inputs
+    Simulate(simulate::Arguments),
+    /// Optimal input design: the next runs that reduce errors most
+    Design(design::Arguments),
+    /// Write a result as one page for a browser: tables and figures
+    ///
+    /// Text, equations, tables and figures in one file, which needs no network.
+    Report(page::Report),
+    /// Write a model or a result for other tools: FMU, C, Rust, PEtab
+    ///
+    /// Functional mock-up unit, stand-alone C or Rust with all derivatives and equal to the bit, state space, JSBSim, DAVE-ML, PEtab.
+    Export(export::Arguments),
+
+    /// Equation error: linear regression of measured rates
+    ///
+    /// For every equation that is linear in its parameters.
+    Regress(regress::Arguments),
+    /// Frequency responses of the records, with coherence and error
+    Spectra(spectra::Arguments),
     /// Monte Carlo study: bias, scatter, interval coverage
     Study(Box<study::Arguments>),
-    /// Requirements on a result: margins, modes, responses, each with its interval and the probability that it holds
-    Margins(margins::Arguments),
-    /// Eigenvalues of a model, linear or linearised at its trim, with the dominant states of each
+    /// Profile-likelihood confidence intervals
+    Profile(Box<profile::Arguments>),
+    /// Draws from the posterior by the No-U-Turn sampler
+    Sample(sample::Arguments),
+    /// Eigenvalues of a model, linear or linearised at its trim
+    ///
+    /// With the dominant states of each.
     Modes(modes::Arguments),
-    /// Equation error: regression of measured rates, for every equation that is linear in its parameters
-    Regress(regress::Arguments),
+    /// Requirements on a result, with the probability that they hold
+    ///
+    /// Margins, modes, responses, each with its interval and the probability that it holds.
+    Margins(margins::Arguments),
     /// Draw one figure of a result as SVG or PNG, or list the figures
     Plot(page::Plot),
-    /// Show a result in a browser on this machine, also while a fit or a study works on it
+    /// Show a result in a browser, also while a fit works on it
     Serve(page::Serve),
-    /// Write a result as one page for a browser: text, equations, tables, figures; it needs no network
-    Report(page::Report),
-    /// Simulate the reference systems, fit them, and compare with the published figures
-    Reproduce(reproduce::Arguments),
-    /// Draws from the posterior of a result by the No-U-Turn sampler, with diagnostics
-    Sample(sample::Arguments),
-    /// Frequency responses of the records, with coherence and random error
-    Spectra(spectra::Arguments),
-    /// Show the stages of a model: syntax, model, graph, derivatives, schedule, code, linear
-    Show(show::Arguments),
-    /// Explain the code of a message: what it means, an example, and the example corrected
-    Explain(help::Explain),
-    /// Write a first model with comments and a record, ready to be checked, simulated and fitted
-    New(new::Arguments),
-    /// Read a problem of PEtab or a model of SBML: a readable model, its records, a project file
+
+    /// List candidate effects for a model, and where each fits
+    Effects(effects::Arguments),
+    /// Write effects into a model's own text, and print what changes
+    Extend(effects::Extend),
+    /// Read a problem of PEtab or a model of SBML
+    ///
+    /// What is written is a readable model, its records and a project file.
     Import(import::Arguments),
-    /// Write a model as stand-alone C or Rust: rates, outputs, their derivatives and sensitivities, equal to the bit
-    Codegen(codegen::Arguments),
-    /// Cut a job into tasks that many machines can share, and say what it costs
-    Plan(plan::Arguments),
-    /// Do a share of the tasks of a plan; done ones are not done again
-    Run(run::Arguments),
-    /// End a job with what all machines have done: the result of its command, to the bit
-    Merge(merge::Arguments),
-    /// How far a job is, and who is at work on it
-    Status(status::Arguments),
+    /// Verify that an exported file computes what its model does
+    Verify(verify::Arguments),
+    /// Format models: indents, spaces and columns, nothing else
+    Fmt(fmt::Arguments),
+    /// Show the stages of a model, from its text to machine code
+    ///
+    /// Syntax, model, graph, derivatives, schedule, code, linear.
+    Show(show::Arguments),
+    /// Explain the code of a message, with an example corrected
+    Explain(help::Explain),
+    /// Language server for editors (Language Server Protocol)
+    Lsp(language_server::Arguments),
+    /// Share the work of a command between machines
+    Job(job::Arguments),
+    /// Simulate and fit the reference systems beside published figures
+    Reproduce(reproduce::Arguments),
     /// Print the completion script of a shell
     Completions(help::Completions),
     /// Print the manual, or write one page for every command
     Man(help::Manual),
-    /// Compare results: criteria, parameters, tests of nested models, predictions of validation data
-    Compare(compare::Arguments),
-    /// Validate a result with runs that it was not fitted to; only per-run parameters are estimated again
-    Validate(validate::Arguments),
-    /// Verify that a file of `fdm export` computes what its model does: values and derivatives
-    Verify(verify::Arguments),
 }
 
 /// All verbs and options, as clap knows them: to check what is quoted elsewhere, or to write a manual.
 pub fn command() -> clap::Command {
-    Arguments::command()
+    let width = terminal::width(terminal::Stream::Out).min(MOST_COLUMNS);
+    let command = subjects::with_places(Arguments::command().term_width(width));
+    let template = overview::template(&command);
+    command.help_template(template)
+}
+
+/// Longer lines of help are hard to read.
+const MOST_COLUMNS: usize = 110;
+
+/// Whether words, the first of which is the name of the program, are a command line; nothing is done.
+///
+/// # Errors
+/// What is wrong with them.
+pub fn understood(words: impl IntoIterator<Item = OsString>) -> Result<(), String> {
+    let command = command();
+    let words = subjects::sorted(words.into_iter().collect(), &command).map_err(|failure| tasks::said(&failure))?;
+    command.try_get_matches_from(words).map(drop).map_err(|e| e.to_string())
 }
 
 /// Does what the command line asks for.
@@ -180,15 +208,19 @@ fn command_line() -> Vec<String> {
 
 /// Does what these words ask for, the first of which is the name of the program: once in a process.
 pub fn main_with(words: impl IntoIterator<Item = OsString>) -> ExitCode {
-    let mut command = Arguments::command();
-    let words = match project::completed(words.into_iter().collect(), &command) {
+    let mut command = command();
+    let sorted = subjects::sorted(words.into_iter().collect(), &command);
+    let words = match sorted.and_then(|words| project::completed(words, &command)) {
         Ok(words) => words,
         Err(failure) => return failure.report(),
     };
     let _ = WORDS.set(words.iter().map(|w| w.to_string_lossy().into_owned()).collect());
-    let matches = match command.try_get_matches_from_mut(words) {
+    let matches = match command.try_get_matches_from_mut(&words) {
         Ok(matches) => matches,
-        Err(e) => return failure::refuse_words(&e),
+        Err(e) => {
+            let missing = subjects::missing(&e, &words, &command);
+            return missing.map_or_else(|| failure::refuse_words(&e), |failure| failure.report());
+        }
     };
     let arguments = match Arguments::from_arg_matches(&matches) {
         Ok(arguments) => arguments,
@@ -197,51 +229,48 @@ pub fn main_with(words: impl IntoIterator<Item = OsString>) -> ExitCode {
     if let Err(failure) = paths::refuse_conflicts(&command, &matches) {
         return failure.report();
     }
+    failure::keep_quiet(arguments.manner.quiet);
     if let Some(threads) = arguments.threads {
         // the pool can be set once only; nothing has used it yet
         let _ = rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global();
     }
-    if let Verb::Reproduce(_) | Verb::Plan(_) | Verb::Run(_) | Verb::Merge(_) = &arguments.verb {
+    if let Verb::Reproduce(_) | Verb::Job(_) = &arguments.verb {
         foreign_code::models_are_named_by("a file", arguments.allow_units);
     }
     let result = match &arguments.verb {
-        Verb::Check(a) => check::run(a),
+        Verb::New(a) => new::run(a),
         Verb::Data(a) => data::run(a),
-        Verb::Design(a) => design::run(a),
-        Verb::Diagnose(a) => diagnose::run(a),
         Verb::Doctor(a) => doctor::run(a),
-        Verb::Effects(a) => effects::run(a),
-        Verb::Export(a) => export::run(a),
-        Verb::Extend(a) => effects::extend(a),
-        Verb::Simulate(a) => simulate::run(a),
+        Verb::Check(a) => check::run(a),
         Verb::Fit(a) => fit::run(a),
-        Verb::Fmt(a) => fmt::run(a),
-        Verb::Lsp(a) => language_server::run(a),
-        Verb::Margins(a) => margins::run(a),
-        Verb::Modes(a) => modes::run(a),
+        Verb::Validate(a) => validate::run(a),
+        Verb::Diagnose(a) => diagnose::run(a),
+        Verb::Compare(a) => compare::run(a),
+        Verb::Simulate(a) => simulate::run(a),
+        Verb::Design(a) => design::run(a),
+        Verb::Report(a) => page::report(a),
+        Verb::Export(a) => export::run(a),
         Verb::Regress(a) => regress::run(a),
+        Verb::Spectra(a) => spectra::run(a),
+        Verb::Study(a) => study::run(a),
+        Verb::Profile(a) => profile::run(a),
+        Verb::Sample(a) => sample::run(a),
+        Verb::Modes(a) => modes::run(a),
+        Verb::Margins(a) => margins::run(a),
         Verb::Plot(a) => page::plot(a),
         Verb::Serve(a) => page::serve(a),
-        Verb::Report(a) => page::report(a),
-        Verb::Reproduce(a) => reproduce::run(a),
-        Verb::Sample(a) => sample::run(a),
-        Verb::Spectra(a) => spectra::run(a),
+        Verb::Effects(a) => effects::run(a),
+        Verb::Extend(a) => effects::extend(a),
+        Verb::Import(a) => import::run(a),
+        Verb::Verify(a) => verify::run(a),
+        Verb::Fmt(a) => fmt::run(a),
         Verb::Show(a) => show::run(a),
         Verb::Explain(a) => help::explain(a),
-        Verb::New(a) => new::run(a),
-        Verb::Import(a) => import::run(a),
-        Verb::Codegen(a) => codegen::run(a),
-        Verb::Completions(a) => help::completions(a, Arguments::command()),
-        Verb::Man(a) => help::manual(a, Arguments::command()),
-        Verb::Plan(a) => plan::run(a),
-        Verb::Run(a) => run::run(a),
-        Verb::Merge(a) => merge::run(a),
-        Verb::Status(a) => status::run(a),
-        Verb::Compare(a) => compare::run(a),
-        Verb::Profile(a) => profile::run(a),
-        Verb::Study(a) => study::run(a),
-        Verb::Validate(a) => validate::run(a),
-        Verb::Verify(a) => verify::run(a),
+        Verb::Lsp(a) => language_server::run(a),
+        Verb::Job(a) => job::run(a),
+        Verb::Reproduce(a) => reproduce::run(a),
+        Verb::Completions(a) => help::completions(a, self::command()),
+        Verb::Man(a) => help::manual(a, self::command()),
     };
     result.unwrap_or_else(|failure| failure.report())
 }
@@ -252,6 +281,6 @@ mod tests {
 
     #[test]
     fn the_command_line_is_consistent() {
-        Arguments::command().debug_assert();
+        command().debug_assert();
     }
 }

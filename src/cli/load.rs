@@ -25,11 +25,13 @@ pub(crate) struct ModelFile {
     /// Model file (.fdm)
     #[arg(value_name = "MODEL", help_heading = None)]
     pub(crate) model: PathBuf,
-    /// Other start value of a parameter (free initial values are called `x(0)`)
+    /// Other start value of a parameter
+    ///
+    /// Free initial values are called `x(0)`.
     #[arg(long = "set", value_name = "NAME=VALUE", value_parser = assignment)]
     set: Vec<(String, f64)>,
     /// Switch off the tie of a parameter, so that it is estimated by itself; `all` for every tie
-    #[arg(long, value_name = "NAME,...|all", value_delimiter = ',')]
+    #[arg(long, value_name = "NAME,...|all", value_delimiter = ',', hide_short_help = true)]
     untie: Vec<String>,
 }
 
@@ -43,6 +45,13 @@ pub(crate) struct Estimated {
     /// Estimate a parameter that the model declares `fixed`
     #[arg(long, value_name = "NAME")]
     free: Vec<String>,
+}
+
+impl Estimated {
+    /// Names to fix and to free.
+    pub(crate) fn changes(&self) -> Changes {
+        Changes { set: Vec::new(), fix: self.fix.clone(), free: self.free.clone() }
+    }
 }
 
 impl ModelFile {
@@ -69,7 +78,7 @@ impl ModelFile {
 
     /// The changes of start values, together with names to fix and to free.
     pub(crate) fn changes(&self, estimated: &Estimated) -> Changes {
-        Changes { set: self.set.clone(), fix: estimated.fix.clone(), free: estimated.free.clone() }
+        Changes { set: self.set.clone(), ..estimated.changes() }
     }
 }
 
@@ -83,6 +92,15 @@ pub(crate) struct ModelOrResult {
     /// Other value of a parameter (free initial values are called `x(0)`)
     #[arg(long = "set", value_name = "NAME=VALUE", value_parser = assignment)]
     pub(crate) set: Vec<(String, f64)>,
+    /// Switch off the tie of a parameter, so that it has a value of its own; `all` for every tie
+    #[arg(
+        long,
+        value_name = "NAME,...|all",
+        value_delimiter = ',',
+        conflicts_with = "from_result",
+        hide_short_help = true
+    )]
+    untie: Vec<String>,
     /// Take model and parameters from a result folder that `fdm fit --out` wrote
     #[arg(long, value_name = "DIR")]
     from_result: Option<PathBuf>,
@@ -96,7 +114,7 @@ impl ModelOrResult {
                 let (folder, model) = open_result(folder, model.as_deref())?;
                 Ok((model, Some(folder)))
             }
-            (None, Some(model)) => Ok((load_model(model)?, None)),
+            (None, Some(model)) => Ok((load_model(model)?.untied(&self.untie).or_failure()?, None)),
             (None, None) => Err(Failure::input(["a model or a result is needed"])),
         }
     }
@@ -112,7 +130,7 @@ impl ModelOrResult {
             true => (None, Some(path.to_path_buf())),
             false => (Some(path.to_path_buf()), None),
         };
-        Self { model, from_result, set: set.to_vec() }
+        Self { model, from_result, set: set.to_vec(), untie: Vec::new() }
     }
 
     /// The model with the values that were typed.
@@ -129,7 +147,8 @@ pub(crate) fn load_model(file: &Path) -> Result<Model, Failure> {
     Ok(model)
 }
 
-fn with_changes(model: &Model, changes: &Changes) -> Result<Model, Failure> {
+/// A model with these changes of its parameters.
+pub(crate) fn with_changes(model: &Model, changes: &Changes) -> Result<Model, Failure> {
     let mut params = model.definition().params.clone();
     changes.apply(&mut params).map_err(Failure::input)?;
     Ok(model.with_params(params))
@@ -200,14 +219,16 @@ pub(crate) fn fitted_before(folder: &ResultFolder, runs: &[Run], files: &[Record
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Data")]
 pub(crate) struct Records {
-    /// Recorded runs (CSV with a header `name [unit], ...`, or a log with --map-file), or patterns such as 'flights/*.csv'; `-` for
-    /// standard input; may be given several times
+    /// Recorded runs, as those behind the model
+    ///
+    /// CSV with a header `name [unit], ...`, or a log with --map-file, or patterns such as 'flights/*.csv'; `-` for standard input; may
+    /// be given several times.
     #[arg(long = "data", value_name = "RUN", required_unless_present = "runs", num_args = 1.., group = "recorded")]
     data: Vec<PathBuf>,
     #[command(flatten)]
     pub(crate) list: RunList,
     /// End with exit code 1 where anything but remarks is found in the records
-    #[arg(long)]
+    #[arg(long, hide_short_help = true)]
     pub(crate) strict: bool,
     #[command(flatten)]
     pub(crate) selection: Selection,
@@ -217,8 +238,10 @@ pub(crate) struct Records {
 #[derive(Debug, Default, Args)]
 #[command(next_help_heading = "Data")]
 pub(crate) struct RunList {
-    /// Table of runs: a row for each with its `file`, and where wanted `run` (name), `role` (fit or validation), `map`, `from`, `to`, `begin`, values
-    /// (`known T0 per run`) and groups (`per group aircraft`)
+    /// Table of runs: a row for each with its `file`
+    ///
+    /// Where wanted with `run` (name), `role` (fit or validation), `map`, `from`, `to`, `begin`, values (`known T0 per run`) and groups
+    /// (`per group aircraft`).
     #[arg(long = "runs", value_name = "RUNS.csv", group = "recorded")]
     runs: Option<PathBuf>,
 }
@@ -276,14 +299,18 @@ pub(crate) fn judged(model: &Model, records: &[(Run, Option<Summary>)]) -> Optio
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Data")]
 pub(crate) struct Selection {
-    /// Column of a channel when its name differs; the time is called `t`; `y=log(c [mol/l])` takes logarithms
-    #[arg(long = "map", value_name = "CHANNEL=COLUMN", value_parser = pair, requires = "recorded")]
+    /// Column of a channel when its name differs
+    ///
+    /// The time is called `t`; `y=log(c [mol/l])` takes logarithms.
+    #[arg(long = "map", value_name = "NAME=COLUMN", value_parser = pair, requires = "recorded")]
     map: Vec<(String, String)>,
-    /// Map of the channels: fields of a log or columns, with unit, sign, scale, hold, delay; a file, or `px4`, `ardupilot`, `fti`
-    #[arg(long, value_name = "MAP.toml", value_parser = map_file, requires = "recorded")]
+    /// Map of the channels: a file, or `px4`, `ardupilot`, `fti`
+    ///
+    /// It names fields of a log or columns, with unit, sign, scale, hold and delay.
+    #[arg(long, value_name = "MAP", value_parser = map_file, requires = "recorded")]
     map_file: Option<RecordMap>,
     /// Use what can be read of a damaged log; what is lost is said
-    #[arg(long, requires = "recorded")]
+    #[arg(long, requires = "recorded", hide_short_help = true)]
     salvage: bool,
     /// Use the record from this time on, in the file's unit
     #[arg(long, value_parser = number, value_name = "TIME", allow_negative_numbers = true, requires = "recorded")]
@@ -292,29 +319,37 @@ pub(crate) struct Selection {
     #[arg(long, value_parser = number, value_name = "TIME", allow_negative_numbers = true, requires = "recorded")]
     to: Option<f64>,
     /// Where the run begins: the instant that is the model's time 0, at the first sample or before, in the file's unit [default: the first sample]
-    #[arg(long, value_parser = number, value_name = "TIME", allow_negative_numbers = true, requires = "recorded")]
+    #[arg(long, value_parser = number, value_name = "TIME", allow_negative_numbers = true, requires = "recorded", hide_short_help = true)]
     begin: Option<f64>,
     /// Use every N-th sample
-    #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, requires = "recorded")]
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 1,
+        allow_negative_numbers = true,
+        requires = "recorded",
+        hide_short_help = true
+    )]
     every: usize,
-    /// Zero-order hold: this input keeps its value until the next sample [default: as the model or the map says; else where it moves only at
-    /// samples, all at once]
+    /// Zero-order hold: this input keeps its value
+    ///
+    /// Until the next sample [default: as the model or the map says; else where it moves only at samples, all at once].
     #[arg(long, value_name = "INPUT", requires = "recorded")]
     zoh: Vec<String>,
     /// This input goes in straight lines between samples, whatever its samples look like
-    #[arg(long, value_name = "INPUT", requires = "recorded")]
+    #[arg(long, value_name = "INPUT", requires = "recorded", hide_short_help = true)]
     linear: Vec<String>,
     /// Leave an output out: it is not compared, whether it was measured or not; may be given several times
-    #[arg(long = "without-output", value_name = "OUTPUT", requires = "recorded")]
+    #[arg(long = "without-output", value_name = "OUTPUT", requires = "recorded", hide_short_help = true)]
     without_output: Vec<String>,
     /// Value that the runs bring (`known T0 per run;`), in the model's unit or its own (`--known 'T0=20 degC'`)
-    #[arg(long, value_name = "NAME=VALUE", value_parser = known_value, requires = "recorded")]
+    #[arg(long, value_name = "NAME=VALUE", value_parser = known_value, requires = "recorded", hide_short_help = true)]
     known: Vec<Known>,
     /// Group that the runs belong to (`param k per group aircraft;`)
-    #[arg(long, value_name = "GROUPING=GROUP", value_parser = group, requires = "recorded")]
+    #[arg(long, value_name = "GROUPING=GROUP", value_parser = group, requires = "recorded", hide_short_help = true)]
     pub(crate) group: Vec<(String, String)>,
     /// Compare only the samples where this column holds a number that is not 0; of one output, or of all
-    #[arg(long, value_name = "[OUTPUT=]COLUMN", value_parser = mask, requires = "recorded")]
+    #[arg(long, value_name = "[OUTPUT=]COLUMN", value_parser = mask, requires = "recorded", hide_short_help = true)]
     mask: Vec<SampleMask>,
 }
 
@@ -646,9 +681,11 @@ pub(crate) fn notes(summary: &Summary) -> Vec<String> {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Estimation")]
 pub(crate) struct MeasurementNoise {
-    /// Measurement noise: `diagonal` (one variance for each output, estimated), `full` (their covariance, estimated), or the known
-    /// standard deviation of an output [default: as the model declares; the rest is estimated]
-    #[arg(long = "noise", value_name = "diagonal|full|OUTPUT=DEVIATION")]
+    /// Measurement noise: `diagonal`, `full`, or `OUTPUT=DEVIATION`
+    ///
+    /// `diagonal` (one variance for each output, estimated), `full` (their covariance, estimated), or the known standard deviation of an
+    /// output [default: as the model declares; the rest is estimated].
+    #[arg(long = "noise", value_name = "NOISE")]
     words: Vec<String>,
 }
 

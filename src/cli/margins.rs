@@ -1,6 +1,6 @@
 //! `fdm margins`: what a result is used for. Modes with their intervals, and the requirements of the model's text, each with the probability that it holds.
 
-use crate::failure::{Ending, Failure, OrFailure, as_json, did_you_mean, ended, print};
+use crate::failure::{Ending, Failure, OrFailure, as_json, did_you_mean, ended, print, print_lines};
 use crate::load::assignment;
 use crate::modes::{modes, own_parameters_move_rates};
 use clap::Args;
@@ -56,7 +56,7 @@ pub(crate) struct Asked {
 pub(crate) fn run(arguments: &Arguments) -> Ending {
     let folder = ResultFolder::open(&arguments.result).or_failure()?;
     let document = arguments.asked.margins(&folder)?;
-    let printed = print(&if arguments.json { as_json(&document)? } else { margins_text(&document) });
+    let printed = if arguments.json { print_lines(&as_json(&document)?) } else { print(&margins_text(&document)) };
     ended(printed && document.is_good())
 }
 

@@ -78,22 +78,22 @@ pub(crate) struct Methods {
     #[arg(long, value_name = "DOMAIN", value_enum)]
     domain: Option<Domain>,
     /// How the minimum is found [default: gauss-newton]
-    #[arg(long, value_name = "OPTIMIZER", value_enum)]
+    #[arg(long, value_name = "OPTIMIZER", value_enum, hide_short_help = true)]
     optimizer: Option<Optimizer>,
     #[command(flatten)]
     start: Start,
     /// Most iterations, those of fallback strategies included; 0 judges the start values [default: 100 of each estimation]
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, hide_short_help = true)]
     iterations: Option<usize>,
     /// Converged when every relative step is smaller than this
-    #[arg(long, value_parser = number, value_name = "T", default_value = "1e-9", allow_negative_numbers = true)]
+    #[arg(long, value_parser = number, value_name = "T", default_value = "1e-9", allow_negative_numbers = true, hide_short_help = true)]
     tolerance: f64,
     /// Factor on every step, above 0, at most 1; steps that are too long are damped anyway
-    #[arg(long, value_parser = number, value_name = "G", default_value_t = 1.0, allow_negative_numbers = true)]
+    #[arg(long, value_parser = number, value_name = "G", default_value_t = 1.0, allow_negative_numbers = true, hide_short_help = true)]
     gain: f64,
     /// How the smoothness of tables (`smooth CL by order 2;`) is chosen: `likelihood`, `validation` (left-out runs are predicted), or a weight for each
     /// axis
-    #[arg(long, value_name = "likelihood|validation|W1,..", value_parser = smooth_by, default_value = "likelihood")]
+    #[arg(long, value_name = "likelihood|validation|W1,..", value_parser = smooth_by, default_value = "likelihood", hide_short_help = true)]
     smooth_by: SmoothBy,
 }
 
@@ -116,7 +116,7 @@ fn smooth_by(text: &str) -> Result<SmoothBy, String> {
 #[derive(Debug, Args)]
 pub(crate) struct Start {
     /// Where the iteration begins [default: model; in the frequency domain equation-error]
-    #[arg(long, value_name = "START", value_enum)]
+    #[arg(long, value_name = "START", value_enum, hide_short_help = true)]
     start_values: Option<StartValues>,
 }
 

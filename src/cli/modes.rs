@@ -1,6 +1,6 @@
 //! `fdm modes`: eigenvalues of a model, linear or linearised at its trim.
 
-use crate::failure::{Ending, Failure, OrFailure, as_json, ended, print};
+use crate::failure::{Ending, Failure, OrFailure, as_json, ended, print, print_lines};
 use crate::load::ModelOrResult;
 use clap::Args;
 pub(crate) use fdm_lab::requirement::with_estimates;
@@ -34,11 +34,10 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let (trim, modes) = modes(&model)?;
     let covariance = found.and_then(|found| found.folder.result().covariance(&model, &found.run));
     let errors = covariance.map_or(Vec::new(), |covariance| errors(&model, &modes, &covariance));
-    let text = match arguments.json {
-        true => as_json(&ModesDocument::of(&model, &trim, &modes, &errors))?,
-        false => modes_table(&model, &trim, &modes, &errors),
-    };
-    ended(print(&text))
+    ended(match arguments.json {
+        true => print_lines(&as_json(&ModesDocument::of(&model, &trim, &modes, &errors))?),
+        false => print(&modes_table(&model, &trim, &modes, &errors)),
+    })
 }
 
 impl Arguments {

@@ -366,7 +366,7 @@ impl Recipe {
         let (text, model) = named(&text, path, path)?;
         let table = self.record(&model, Made { factor: 1.0, seed: 1 })?;
         let next = format!(
-            "{model_path} and a made-up record, {record_path}\n\n  fdm check {model_path}\n  fdm simulate {model_path} --data {record_path}\n  fdm fit {model_path} --data {record_path}\n"
+            "{model_path} and a made-up record, {record_path}\n\n  fdm check {model_path}\n  fdm simulate {model_path} {record_path}\n  fdm fit {model_path} {record_path}\n"
         );
         Ok((vec![New { path: path.into(), bytes: text.into_bytes() }, New { path: record, bytes: table }], next))
     }
@@ -393,7 +393,7 @@ impl Recipe {
 fdm check                  # every mistake of the model, every derivative
 fdm doctor                 # what is wrong with the records
 fdm fit --out result       # the estimates; `fdm report result` writes the page
-fdm validate --from-result result  # how it predicts validation.csv
+fdm validate result        # how it predicts validation.csv
 fdm diagnose               # what the model gets wrong
 ";
         let readme = format!(

@@ -16,13 +16,13 @@ use std::num::NonZeroUsize;
 #[command(next_help_heading = "Integration")]
 pub(crate) struct Integration {
     /// Equal integration steps between samples [default: as many as accuracy needs]
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, hide_short_help = true)]
     steps: Option<NonZeroUsize>,
     /// Integration scheme: `auto` takes Radau for stiff models
-    #[arg(long, value_name = "SCHEME", value_enum, default_value_t)]
+    #[arg(long, value_name = "SCHEME", value_enum, default_value_t, hide_short_help = true)]
     integrator: Integrator,
     /// Integration error that is of no consequence, as a part of each output's range [default: 1e-8]
-    #[arg(long, value_name = "A", value_parser = accuracy, allow_negative_numbers = true, conflicts_with = "steps")]
+    #[arg(long, value_name = "A", value_parser = accuracy, allow_negative_numbers = true, conflicts_with = "steps", hide_short_help = true)]
     integration_accuracy: Option<f64>,
 }
 
@@ -113,19 +113,25 @@ pub(crate) fn integration(accuracy: &Accuracy, chosen: bool) -> String {
 pub(crate) struct Strategies {
     /// Record-length continuation, short records first: `auto` (when the plain fit fails), `never`, a number of equal lengths, or
     /// rising times
-    #[arg(long, value_name = "auto|never|N|T1,T2,..", default_value = "auto", allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "auto|never|N|T1,T2,..",
+        default_value = "auto",
+        allow_hyphen_values = true,
+        hide_short_help = true
+    )]
     continuation: Continuation,
     /// Fit first with these states replaced by their measured records
-    #[arg(long, value_name = "STATE,..|all", value_delimiter = ',')]
+    #[arg(long, value_name = "STATE,..|all", value_delimiter = ',', hide_short_help = true)]
     substitute: Vec<String>,
     /// Multiple shooting, for unstable models: cut each record into N segments with initial states of their own
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=1_000_000), hide_short_help = true)]
     shooting: Option<u32>,
     /// Fit shorter records too, and list the parameters in order of confidence
-    #[arg(long)]
+    #[arg(long, hide_short_help = true)]
     confidence: bool,
     /// Fit with other weights of the outputs too, and show how far each parameter moves
-    #[arg(long)]
+    #[arg(long, hide_short_help = true)]
     weights: bool,
 }
 
@@ -160,16 +166,16 @@ impl Strategies {
 pub(crate) struct Spectra {
     /// Frequency band from LO to HI, in cycles per unit of time (Hz if that is the second) [default: where the inputs excite the
     /// model]
-    #[arg(long, value_name = "LO:HI", value_parser = band)]
+    #[arg(long, value_name = "LO:HI", value_parser = band, hide_short_help = true)]
     band: Option<(f64, f64)>,
     /// Frequency spacing, by zoom (chirp-z) transform [default: each record's own bins, i/T]
-    #[arg(long, value_parser = number, value_name = "STEP", requires = "band", allow_negative_numbers = true)]
+    #[arg(long, value_parser = number, value_name = "STEP", requires = "band", allow_negative_numbers = true, hide_short_help = true)]
     df: Option<f64>,
     /// End-point (leakage) corrections [default: free]
-    #[arg(long, value_name = "HOW", value_enum)]
+    #[arg(long, value_name = "HOW", value_enum, hide_short_help = true)]
     end_points: Option<EndPoints>,
     /// Nonlinear terms of a model in the frequency domain [default: auto]
-    #[arg(long, value_name = "HOW", value_enum)]
+    #[arg(long, value_name = "HOW", value_enum, hide_short_help = true)]
     nonlinear: Option<NonlinearTerms>,
 }
 
@@ -268,17 +274,17 @@ pub(crate) struct FrequencyDomain {
     pub(crate) spectra: Spectra,
     /// Known noise of a measured input, which biases estimates (errors in variables): the bias is removed, and standard errors
     /// include it; may be given several times
-    #[arg(long = "input-noise", value_name = "INPUT=DEVIATION", value_parser = deviation)]
+    #[arg(long = "input-noise", value_name = "INPUT=DEVIATION", value_parser = deviation, hide_short_help = true)]
     input_noise: Vec<(String, f64)>,
     /// Frequency responses: lengths of the averaged segments, in the model's time [default: two, the second half as long as the
     /// first]
-    #[arg(long, value_parser = number, value_name = "L1,L2,..", value_delimiter = ',', allow_negative_numbers = true)]
+    #[arg(long, value_parser = number, value_name = "L1,L2,..", value_delimiter = ',', allow_negative_numbers = true, hide_short_help = true)]
     segments: Vec<f64>,
     /// Frequency responses: a pair that is compared; may be given several times [default: all that the model connects]
-    #[arg(long = "pair", value_name = "OUTPUT/INPUT", value_parser = pair)]
+    #[arg(long = "pair", value_name = "OUTPUT/INPUT", value_parser = pair, hide_short_help = true)]
     pairs: Vec<(String, String)>,
     /// Frequency responses: least coherence of a frequency that counts [default: 0.6]
-    #[arg(long, value_parser = number, value_name = "C", allow_negative_numbers = true)]
+    #[arg(long, value_parser = number, value_name = "C", allow_negative_numbers = true, hide_short_help = true)]
     coherence: Option<f64>,
 }
 
@@ -334,7 +340,7 @@ pub(crate) struct Repeats {
     #[arg(long, value_name = "S", default_value_t = 0, allow_negative_numbers = true)]
     pub(crate) seed: u64,
     /// Colour of the noise in the repeats [default: white; for experiments as they describe it]
-    #[arg(long, value_name = "COLOUR", value_enum, value_delimiter = ',')]
+    #[arg(long, value_name = "COLOUR", value_enum, value_delimiter = ',', hide_short_help = true)]
     noise_colour: Vec<NoiseColour>,
     #[command(flatten)]
     pub(crate) checkpoints: Checkpoints,

@@ -14,7 +14,7 @@ const BEGINNING: u64 = 1 << 12;
 #[command(next_help_heading = "Result")]
 pub(crate) struct Overwriting {
     /// Replace a file that fdm did not write
-    #[arg(long)]
+    #[arg(long, hide_short_help = true)]
     pub(crate) force: bool,
 }
 
@@ -25,8 +25,6 @@ pub(crate) enum Kind {
     Page,
     /// A drawing as SVG, by its beginning, or as PNG, by its chunk `Software`.
     Drawing,
-    /// Generated code, by the sentence at its head.
-    Code,
     /// A file for another tool, by its stamp or by the sentence at its head.
     Export,
     /// A model, which nothing tells from one that somebody has changed since.
@@ -42,7 +40,6 @@ impl Kind {
         match self {
             Self::Page => text.contains("<meta name=\"generator\" content=\"fdm "),
             Self::Drawing => is_drawing(&text) || is_picture(beginning),
-            Self::Code => text.contains("Written by fdm "),
             Self::Export => text.contains("Written by fdm ") || text.contains("fdm model sha256:"),
             Self::Model | Self::Table => false,
         }

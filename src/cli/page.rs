@@ -2,7 +2,7 @@
 //! machine, also while a fit or a study works on it.
 
 use crate::deliver::write;
-use crate::failure::{Ending, Failure, OrFailure, did_you_mean, ended, print, print_data, remark};
+use crate::failure::{Ending, Failure, OrFailure, aside, did_you_mean, ended, print, print_data, print_lines, remark};
 use crate::ownership::{Kind, Overwriting, refuse_foreign};
 use clap::Args;
 use fdm_report::page::{Paper, Subject, drawings, page};
@@ -42,7 +42,7 @@ pub(crate) fn report(arguments: &Report) -> Ending {
         refuse_foreign(&place, Kind::Page).or_failure()?;
     }
     write(&place, text)?;
-    ended(print(&format!("{}\n", place.display())))
+    ended(print_lines(&format!("{}\n", place.display())))
 }
 
 /// What `fdm plot` takes.
@@ -156,11 +156,11 @@ pub(crate) fn serve(arguments: &Serve) -> Ending {
     // nobody but this machine is listened to
     let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, arguments.port)).map_err(refused)?;
     let address = listener.local_addr().map_err(refused)?;
-    print(&format!("http://{address}/\n"));
+    print_lines(&format!("http://{address}/\n"));
     if !arguments.folder.is_dir() {
         remark(format_args!("note: {} does not exist yet; the page waits for it", arguments.folder.display()));
     }
-    remark(format_args!("serving {}; Ctrl-C ends it", arguments.folder.display()));
+    aside(format_args!("serving {}; Ctrl-C ends it", arguments.folder.display()));
     for stream in listener.incoming().flatten() {
         let (folder, own) = (arguments.folder.clone(), address.to_string());
         // a browser that goes away in the middle is no matter

@@ -29,7 +29,6 @@ fn role(verb: &str, argument: &str) -> Role {
     match (verb, argument) {
         // results of one job are added to each other
         ("fmt" | "new" | "plan" | "import", _) | ("run", "out") => Role::Own,
-        ("codegen", "out") => Role::File(Kind::Code),
         ("export", "output") => Role::File(Kind::Export),
         ("simulate" | "data", "output") | ("doctor", "fix") => Role::File(Kind::Table),
         ("report", "output") | (_, "report") => Role::File(Kind::Page),
@@ -43,6 +42,14 @@ fn role(verb: &str, argument: &str) -> Role {
 /// Whether a command writes what an argument names.
 pub(crate) fn is_written(verb: &str, argument: &str) -> bool {
     role(verb, argument) != Role::Read
+}
+
+/// The verb that is asked for, the last of several: `run` of `job run`.
+pub(crate) fn innermost<'a>(command: &'a Command, matches: &'a ArgMatches) -> (&'a Command, &'a ArgMatches) {
+    match matches.subcommand().and_then(|(verb, matches)| Some((command.find_subcommand(verb)?, matches))) {
+        Some((command, matches)) => innermost(command, matches),
+        None => (command, matches),
+    }
 }
 
 /// A path that was typed, and the option that it was typed for.
@@ -62,8 +69,8 @@ impl Named {
 /// Refuses results that would be written over what the command reads, over each other, over what fdm did not write, or where
 /// nothing can be written.
 pub(crate) fn refuse_conflicts(command: &Command, matches: &ArgMatches) -> Result<(), Failure> {
-    let Some((verb, matches)) = matches.subcommand() else { return Ok(()) };
-    let Some(command) = command.find_subcommand(verb) else { return Ok(()) };
+    let (command, matches) = innermost(command, matches);
+    let verb = command.get_name();
     let named: Vec<Named> = command.get_arguments().flat_map(|argument| paths(verb, argument, matches)).collect();
     let sources = named.iter().filter(|n| n.role == Role::Read);
     // what was named itself is told first
@@ -136,7 +143,7 @@ fn paths(verb: &str, argument: &Arg, matches: &ArgMatches) -> Vec<Named> {
     let long = argument.get_long().map(|long| format!("--{long}"));
     let option = long.unwrap_or_else(|| argument.get_value_names().unwrap_or_default().join(" "));
     // standard input and output; only the result itself goes there
-    let is_result = matches!((verb, id), ("codegen", "out") | (_, "output"));
+    let is_result = id == "output";
     let stream = |path: &PathBuf| path.as_path() == Path::new("-");
     let files =
         values.into_iter().filter(|path| !stream(path) || matches!(role(verb, id), Role::File(_)) && !is_result);
@@ -212,7 +219,8 @@ mod tests {
         let mut command = crate::command();
         command.build();
         let mut found = Vec::new();
-        for verb in command.get_subcommands() {
+        let verbs = command.get_subcommands().flat_map(|verb| std::iter::once(verb).chain(verb.get_subcommands()));
+        for verb in verbs {
             for argument in verb.get_arguments() {
                 if argument.get_value_parser().type_id() == std::any::TypeId::of::<PathBuf>() {
                     let role = role(verb.get_name(), argument.get_id().as_str());
@@ -222,50 +230,49 @@ mod tests {
         }
         let written: Vec<&str> = found.iter().filter(|f| !f.ends_with(" Read")).map(String::as_str).collect();
         let expected = [
+            "new target Own",
             "data output File(Table)",
-            "design records Folder",
-            "diagnose write File(Model)",
-            "diagnose out Folder",
-            "diagnose report File(Page)",
             "doctor fix File(Table)",
             "doctor report File(Page)",
-            "export output File(Export)",
-            "extend write File(Model)",
-            "simulate output File(Table)",
             "fit checkpoint Folder",
             "fit plot File(Drawing)",
             "fit out Folder",
             "fit report File(Page)",
-            "fmt files Own",
-            "profile plot File(Drawing)",
-            "profile report File(Page)",
+            "validate plot File(Drawing)",
+            "validate out Folder",
+            "validate report File(Page)",
+            "diagnose write File(Model)",
+            "diagnose out Folder",
+            "diagnose report File(Page)",
+            "compare report File(Page)",
+            "simulate output File(Table)",
+            "design records Folder",
+            "report output File(Page)",
+            "export output File(Export)",
+            "regress plot File(Drawing)",
+            "regress out Folder",
+            "regress report File(Page)",
+            "spectra plot File(Drawing)",
+            "spectra report File(Page)",
             "study checkpoint Folder",
             "study plot File(Drawing)",
             "study out Folder",
             "study report File(Page)",
-            "regress plot File(Drawing)",
-            "regress out Folder",
-            "regress report File(Page)",
-            "plot output File(Drawing)",
-            "report output File(Page)",
-            "reproduce records Folder",
-            "reproduce checkpoint Folder",
+            "profile plot File(Drawing)",
+            "profile report File(Page)",
             "sample report File(Page)",
-            "spectra plot File(Drawing)",
-            "spectra report File(Page)",
-            "new target Own",
+            "plot output File(Drawing)",
+            "extend write File(Model)",
             "import problem Own",
             "import out Own",
-            "codegen out File(Code)",
+            "fmt files Own",
             "plan job Own",
             "plan output Own",
             "run out Own",
             "status report File(Page)",
+            "reproduce records Folder",
+            "reproduce checkpoint Folder",
             "man folder Folder",
-            "compare report File(Page)",
-            "validate plot File(Drawing)",
-            "validate out Folder",
-            "validate report File(Page)",
         ];
         assert_eq!(written, expected);
         assert!(found.len() > 60, "{found:?}");

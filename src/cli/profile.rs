@@ -162,10 +162,10 @@ impl Arguments {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
-    let mut progress = Progress::new(arguments.output.quiet).within(&arguments.limit);
+    let mut progress = Progress::new(arguments.output.manner.quiet).within(&arguments.limit);
     let model = arguments.model.load_for(&arguments.records)?;
     arguments.are_known(&model)?;
-    let runs = arguments.records.read(&model, arguments.output.quiet)?.runs;
+    let runs = arguments.records.read(&model, arguments.output.manner.quiet)?.runs;
     let Profiled { found, profiles } = arguments.work(&model, &runs, &mut progress)?;
     let profiles = match profiles {
         Ok(profiles) => profiles,

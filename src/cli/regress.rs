@@ -35,18 +35,19 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "LO:HI", value_parser = band, help_heading = "Regression")]
     band: Option<(f64, f64)>,
     /// Frequency spacing [default: the record's own bins]
-    #[arg(long, value_parser = number, value_name = "STEP", requires = "band", help_heading = "Regression")]
+    #[arg(long, value_parser = number, value_name = "STEP", requires = "band", help_heading = "Regression", hide_short_help = true)]
     df: Option<f64>,
-    /// Rates in the time domain: `local`, `local:POINTS` (a polynomial through so many neighbours), `fourier` (optimal Fourier
-    /// smoothing), or `fourier:CUTOFF`
+    /// Rates in the time domain: `local`, `fourier`
+    ///
+    /// Or `local:POINTS` (a polynomial through so many neighbours), `fourier` (optimal Fourier smoothing), or `fourier:CUTOFF`.
     #[arg(long, value_name = "HOW", default_value = "local", value_parser = smoothing, conflicts_with = "band", help_heading = "Regression")]
     smooth: Smoothing,
     /// Remove `none`, the `mean` or the linear trend (`line`) of rates and regressors of every run
-    #[arg(long, value_name = "WHAT", default_value = "none", value_parser = detrend, conflicts_with = "band", help_heading = "Regression")]
+    #[arg(long, value_name = "WHAT", default_value = "none", value_parser = detrend, conflicts_with = "band", help_heading = "Regression", hide_short_help = true)]
     detrend: Detrend,
     /// Principal components of the solution: `auto` leaves out collinear directions, `level` stops where R^2 levels off and errors
     /// are least; or their number
-    #[arg(long, value_name = "auto|level|K", default_value = "auto", value_parser = components, help_heading = "Regression")]
+    #[arg(long, value_name = "auto|level|K", default_value = "auto", value_parser = components, help_heading = "Regression", hide_short_help = true)]
     components: Components,
     /// Search the structure of every measured rate by stepwise regression among signals, squares and products
     #[arg(long, help_heading = "Regression")]
@@ -54,7 +55,7 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     recursive: Recursive,
     /// Show how the estimates depend on the highest frequency, and on the part of the records that is used
-    #[arg(long, conflicts_with = "stepwise", help_heading = "Result")]
+    #[arg(long, conflicts_with = "stepwise", help_heading = "Result", hide_short_help = true)]
     dependence: bool,
     #[command(flatten)]
     limit: TimeLimit,
@@ -68,26 +69,28 @@ pub(crate) struct Arguments {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Recursive least squares")]
 struct Recursive {
-    /// Recursive least squares with forgetting, sample by sample, instead of all samples at once
+    /// Recursive least squares, sample by sample
+    ///
+    /// With forgetting, instead of all samples at once.
     #[arg(long)]
     recursive: bool,
     /// Forgetting factor: weight of a sample relative to the one after it, above 0, at most 1 [default: 0.99]
-    #[arg(long, value_parser = number, value_name = "G", allow_negative_numbers = true)]
+    #[arg(long, value_parser = number, value_name = "G", allow_negative_numbers = true, hide_short_help = true)]
     forgetting: Option<f64>,
     /// Zero-phase low-pass of all channels, with this cut-off frequency, in cycles per unit of time
-    #[arg(long, value_parser = number, value_name = "F", allow_negative_numbers = true)]
+    #[arg(long, value_parser = number, value_name = "F", allow_negative_numbers = true, hide_short_help = true)]
     lowpass: Option<f64>,
     /// Smooth all channels by polynomials of degree four through so many neighbours
-    #[arg(long, value_name = "POINTS")]
+    #[arg(long, value_name = "POINTS", hide_short_help = true)]
     polynomial: Option<usize>,
     /// Which iterate is taken [default: simulation]
-    #[arg(long, value_name = "CRITERION", value_enum)]
+    #[arg(long, value_name = "CRITERION", value_enum, hide_short_help = true)]
     best: Option<Best>,
     /// Simulate segments of this length, each from initial values of its own: for unstable vehicles
-    #[arg(long, value_parser = number, value_name = "LENGTH", allow_negative_numbers = true)]
+    #[arg(long, value_parser = number, value_name = "LENGTH", allow_negative_numbers = true, hide_short_help = true)]
     restart: Option<f64>,
     /// Draw the estimates along the record to an SVG file
-    #[arg(long, value_name = "FILE.svg")]
+    #[arg(long, value_name = "FILE.svg", hide_short_help = true)]
     plot: Option<PathBuf>,
 }
 
@@ -200,7 +203,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let halt = Halt::default().at(arguments.limit.deadline());
     let (records, output) = (&arguments.records, &arguments.output);
     let changes = arguments.model.changes(&arguments.estimated);
-    let (model, campaign) = loaded(&arguments.model, &changes, records, output.quiet)?;
+    let (model, campaign) = loaded(&arguments.model, &changes, records, output.manner.quiet)?;
     let runs = &campaign.runs[..];
     if arguments.recursive.recursive {
         return arguments.recursive.run(&model, runs, arguments.detrend, output);
@@ -233,7 +236,7 @@ pub(crate) fn equation_error(
     delivery: &Delivery,
     frequencies: Option<Frequencies>,
 ) -> Ending {
-    let (model, campaign) = loaded(model, &model.changes(estimated), records, delivery.output.quiet)?;
+    let (model, campaign) = loaded(model, &model.changes(estimated), records, delivery.output.manner.quiet)?;
     let options = at_once(frequencies);
     let prepared = delivery.prepare(&model, &campaign.runs)?;
     let (text, mut document, determined) = estimates(&model, &campaign.runs, &options).or_failure()?;

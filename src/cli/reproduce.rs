@@ -2,7 +2,7 @@
 //! each.
 
 use crate::deliver::{NamedFile, refuse_others, write_all};
-use crate::failure::{Ending, Failure, OrFailure, as_json, ended, print, remark};
+use crate::failure::{Ending, Failure, OrFailure, as_json, ended, print, print_lines, remark};
 use crate::foreign_code::refuse_units_of;
 use crate::options::Repeats;
 use crate::progress::{Progress, RepeatProgress, counted};
@@ -92,7 +92,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     if outcomes.is_empty() && !wrong.is_empty() {
         return Err(Failure::input(wrong));
     }
-    let printed = print(&arguments.text(&outcomes, experiments.len())?) && told.is_printed();
+    let printed = arguments.print(&arguments.text(&outcomes, experiments.len())?) && told.is_printed();
     if !wrong.is_empty() {
         return Err(Failure::input(wrong));
     }
@@ -160,6 +160,11 @@ impl Arguments {
         Ok(catalogue.experiments)
     }
 
+    /// JSON and Markdown keep their lines.
+    fn print(&self, made: &str) -> bool {
+        if self.json || self.markdown { print_lines(made) } else { print(made) }
+    }
+
     /// Whether the table of each of so many experiments is printed as soon as it is ready.
     fn is_told_at_once(&self, experiments: usize) -> bool {
         experiments > 1 && !self.json && !self.markdown
@@ -200,7 +205,7 @@ fn write_records(experiments: &[Experiment], folder: &Path, force: bool) -> Endi
         write_all(place, files)?;
         files.iter().for_each(|(name, _)| text.push_str(&format!("{}\n", place.join(name).display())));
     }
-    ended(print(&text))
+    ended(print_lines(&text))
 }
 
 fn nothing_to_repeat(name: &str) -> String {
@@ -289,7 +294,7 @@ impl Arguments {
                 }
             }
         }
-        let printed = studies.is_empty() || print(&self.study_text(&studies)?);
+        let printed = studies.is_empty() || self.print(&self.study_text(&studies)?);
         if !wrong.is_empty() {
             return Err(Failure::Input(wrong));
         }

@@ -73,7 +73,7 @@ fn share(text: &str) -> Result<f64, String> {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
-    let progress = Progress::new(arguments.output.quiet).within(&arguments.limit);
+    let progress = Progress::new(arguments.output.manner.quiet).within(&arguments.limit);
     let folder = ResultFolder::open(&arguments.result).or_failure()?;
     for path in [&arguments.arviz, &arguments.report].into_iter().flatten().filter(|_| !arguments.overwriting.force) {
         refuse_standing(path)?;

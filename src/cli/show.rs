@@ -1,6 +1,6 @@
 //! `fdm show`: what becomes of a model's text, stage by stage.
 
-use crate::failure::{Ending, Failure, OrFailure, ended, print};
+use crate::failure::{Ending, Failure, OrFailure, ended, print_lines};
 use crate::load::{Estimated, ModelFile};
 use clap::{Args, ValueEnum};
 use fdm_report::{Stage, dot, stage};
@@ -51,7 +51,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         let shown = stage(&model, arguments.stage.into()).or_failure()?;
         if arguments.json { format!("{}\n", shown.json().or_failure()?) } else { shown.text }
     };
-    ended(print(&text))
+    ended(print_lines(&text))
 }
 
 impl From<Chosen> for Stage {

@@ -3,7 +3,7 @@
 use crate::bands::{beyond_visited, edges, of_coloured_noise, of_simulation};
 use crate::campaign::{RecordFile, Role};
 use crate::deliver::{column, csv, write};
-use crate::failure::{Ending, Failure, OrFailure, as_json, ended, print, print_data, remark};
+use crate::failure::{Ending, Failure, OrFailure, as_json, aside, ended, print_data, print_lines, remark};
 use crate::load::{ModelOrResult, RunList, Selection, positive, read_runs, with_files};
 use crate::options::Integration;
 use crate::ownership::{Overwriting, refuse_other_tables};
@@ -25,12 +25,14 @@ use std::path::{Path, PathBuf};
 pub(crate) struct Arguments {
     #[command(flatten)]
     pub(crate) model: ModelOrResult,
-    /// Run of the result whose per-run parameters (biases, initial states) are used [default: the run with the same name, or the
-    /// only one]
+    /// Run of the result whose per-run parameters are used
+    ///
+    /// Biases and initial states [default: those of the run with the same name, or of the only one].
     #[arg(long, value_name = "RUN", requires = "from_result", help_heading = "Parameters")]
     like: Option<String>,
-    /// Recorded runs (CSV with a header `name [unit], ...`), or patterns; may be given several times [default: those of the
-    /// result]
+    /// Recorded runs, as those behind the model
+    ///
+    /// CSV with a header `name [unit], ...`, or patterns; may be given several times [default: those of the result].
     #[arg(long = "data", value_name = "RUN", required_unless_present_any = ["from_result", "runs"], help_heading = "Data", num_args = 1.., group = "recorded")]
     data: Vec<PathBuf>,
     #[command(flatten)]
@@ -39,12 +41,14 @@ pub(crate) struct Arguments {
     selection: Selection,
     /// Estimate what is the run's own (free initial values, biases) from the first samples of its measured outputs, in the model's unit
     /// of time [default: initial values from the first sample of outputs that show them]
-    #[arg(long, value_name = "TIME", value_parser = positive, allow_negative_numbers = true, help_heading = "Data")]
+    #[arg(long, value_name = "TIME", value_parser = positive, allow_negative_numbers = true, help_heading = "Data", hide_short_help = true)]
     initial_from: Option<f64>,
     #[command(flatten)]
     pub(crate) integration: Integration,
-    /// 95 % bands beside every output: of the response by the errors of the parameters (`y_low`, `y_high`), and of a measurement by
-    /// these and the noise (`y_measured_low`, `y_measured_high`)
+    /// 95 % bands beside every output
+    ///
+    /// Of the response by the errors of the parameters (`y_low`, `y_high`), and of a measurement by these and the noise
+    /// (`y_measured_low`, `y_measured_high`).
     #[arg(long, requires = "from_result", help_heading = "Result")]
     bands: bool,
     /// Print JSON instead of CSV
@@ -93,13 +97,15 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let responses: Vec<Response<'_>> =
         runs.iter().map(|run| respond(&model, run, folder, arguments)).collect::<Result<_, _>>()?;
     let mut good = match &responses[..] {
-        _ if arguments.json => print(&as_json(&responses.iter().map(|r| document(&model, r)).collect::<Vec<_>>())?),
+        _ if arguments.json => {
+            print_lines(&as_json(&responses.iter().map(|r| document(&model, r)).collect::<Vec<_>>())?)
+        }
         [response] => table(&model, response, file)?,
         _ => true,
     };
     for response in &responses {
         if model.layout().states > 0 && !arguments.json {
-            remark(format_args!("{}: {}", response.run.name, arguments.integration.said(&response.accuracy)));
+            aside(format_args!("{}: {}", response.run.name, arguments.integration.said(&response.accuracy)));
         }
         response.doubts(&model, folder).iter().for_each(|said| remark(format_args!("{said}")));
         for said in response.faults(&model) {

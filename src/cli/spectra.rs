@@ -60,8 +60,8 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let channels = arguments.channels(&model)?;
     let options = arguments.records.selection.options(false);
     let files = arguments.records.files(Role::Fit, &options, &model)?;
-    arguments.records.say_left(&model, arguments.output.quiet)?;
-    let runs = read_runs(&files, &model, &[], arguments.output.quiet)?;
+    arguments.records.say_left(&model, arguments.output.manner.quiet)?;
+    let runs = read_runs(&files, &model, &[], arguments.output.manner.quiet)?;
     arguments.records.refuse(&model, &runs)?;
     let (found, names) = arguments.responses(&model, &runs, &channels)?;
     let printed = arguments.output.print(|| response_table(&found, &names), || SpectraDocument::of(&found, &names))?;

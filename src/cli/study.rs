@@ -43,15 +43,15 @@ pub(crate) struct Arguments {
           allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(2..=1_000_000))]
     pub(crate) repeats: u32,
     /// Simulation-based calibration of `fdm sample` instead: ranks of the truth among draws, conditional on the records
-    #[arg(long, help_heading = "Repeats")]
+    #[arg(long, help_heading = "Repeats", hide_short_help = true)]
     pub(crate) calibration: bool,
     /// Transitions in which the step and the metric of each chain of a calibration are adapted
     #[arg(long, value_name = "N", default_value_t = 300, requires = "calibration", help_heading = "Repeats",
-          allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(20..=1_000_000))]
+          allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(20..=1_000_000), hide_short_help = true)]
     warmup: u32,
     /// Draws of the parameters in each repeat, by which it is seen where a requirement of the text is not linear in them; 0 for none
     #[arg(long, value_name = "N", default_value_t = 400, help_heading = "Repeats",
-          allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(0..=1_000_000))]
+          allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(0..=1_000_000), hide_short_help = true)]
     draws: u32,
     #[command(flatten)]
     pub(crate) repetition: Repeats,
@@ -74,7 +74,7 @@ struct Studied<'a> {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
-    let (quiet, count) = (arguments.delivery.output.quiet, arguments.repeats as usize);
+    let (quiet, count) = (arguments.delivery.output.manner.quiet, arguments.repeats as usize);
     let checkpoints = &arguments.repetition.checkpoints;
     let mut progress = Progress::new(quiet).within(&arguments.limit);
     let model = arguments.model.load_for(&arguments.records)?;

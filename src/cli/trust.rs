@@ -4,7 +4,7 @@
 //! `force`, and the results that they name lie in their own folder.
 
 use crate::failure::Failure;
-use crate::paths::is_written;
+use crate::paths::{innermost, is_written};
 use clap::{ArgMatches, Command};
 use fdm_results::store::WorkFolder;
 use std::fs::Metadata;
@@ -98,8 +98,8 @@ fn landing(path: &Path, links: usize) -> Option<PathBuf> {
 
 /// Refuses words of a file that only a user says, and results outside the working folder, which is that of the file.
 pub(crate) fn refuse_liberties(command: &Command, matches: &ArgMatches) -> Result<(), Failure> {
-    let Some((verb, matches)) = matches.subcommand() else { return Ok(()) };
-    let Some(command) = command.find_subcommand(verb) else { return Ok(()) };
+    let (command, matches) = innermost(command, matches);
+    let verb = command.get_name();
     let mut wrong = Vec::new();
     if matches!(matches.try_get_one::<bool>("force"), Ok(Some(true))) {
         wrong.extend(typed_only("force").map(|why| format!("force: {why}")));

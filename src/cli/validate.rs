@@ -35,23 +35,21 @@ pub(crate) struct Arguments {
     from_result: PathBuf,
     #[command(flatten)]
     records: Records,
-    /// Estimate what is a run's own (free initial values, biases) from its first samples alone, in the model's unit of time; all behind
-    /// them is predicted [default: from the whole run]
+    /// Estimate what is a run's own from its first samples alone
+    ///
+    /// Free initial values and biases; the time is in the model's unit, and all behind it is predicted [default: from the whole run].
     #[arg(long, value_name = "TIME", value_parser = positive, allow_negative_numbers = true, help_heading = "Estimation")]
     initial_from: Option<f64>,
     #[command(flatten)]
     integration: Integration,
     #[command(flatten)]
     limit: TimeLimit,
-    /// Every remark, not only the five that speak most against the result
-    #[arg(long, help_heading = "Result")]
-    verbose: bool,
     #[command(flatten)]
     delivery: Delivery,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
-    let quiet = arguments.delivery.output.quiet;
+    let quiet = arguments.delivery.output.manner.quiet;
     let mut progress = Progress::new(quiet).within(&arguments.limit);
     let (folder, model) = open_result(&arguments.from_result, arguments.model.as_deref())?;
     let campaign = arguments.records.read_predicted(&model, quiet)?;
@@ -96,7 +94,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         let detail = Detail { verbose, ..Detail::default() };
         text(&fit, (&folder, &fit_verdict(&document)), (&baselines, &errors, &covered), detail)
     };
-    let (text, whole) = (told(arguments.verbose), Some(told(true)));
+    let (text, whole) = (told(arguments.delivery.output.manner.verbose), Some(told(true)));
     let json = document.into();
     let (model, spectra, tables) = (&fit.model, Vec::new(), Vec::new());
     let outcome =

@@ -35,6 +35,7 @@ mod table;
 mod validation;
 mod verification;
 mod visible;
+mod wrap;
 
 pub use calibration::calibration_text;
 pub use comparison::comparison_table;
@@ -70,3 +71,4 @@ pub use validation::{
 };
 pub use verification::verification_table;
 pub use visible::visible;
+pub use wrap::wrapped;

@@ -62,10 +62,10 @@ with LocalCluster() as cluster:
     for attempt in range(100):
         job = Job(max_fails=None)
         for k in range(1, shards + 1):
-            words = [fdm, "run", "job.plan", "--shard", f"{k}/{shards}", "--out", "job.tasks", "--threads", "1", "--quiet"]
+            words = [fdm, "job", "run", "job.plan", "--shard", f"{k}/{shards}", "--out", "job.tasks", "--threads", "1", "--quiet"]
             job.program(words, stdout=None, stderr=None)
         client.wait_for_jobs([client.submit(job)], raise_on_error=False)
-        status = subprocess.run([fdm, "status", "job.tasks", "--json"], capture_output=True, text=True).stdout
+        status = subprocess.run([fdm, "job", "status", "job.tasks", "--json"], capture_output=True, text=True).stdout
         if not json.loads(status)["missing"]:
             break
     print("ready done", flush=True)
@@ -188,7 +188,7 @@ class Watch(threading.Thread):
         running = descendants()
         for pid, fields in running.items():
             words = self.words(pid)
-            if b"run" not in words[:4] or b"--shard" not in words or self.folder.encode() not in self.place(pid) + b" ".join(words):
+            if b"run" not in words[:5] or b"--shard" not in words or self.folder.encode() not in self.place(pid) + b" ".join(words):
                 continue
             if any(word.endswith((b"mpirun", b"parallel", b"hq", b"perl", b"bash")) for word in words[:2]):
                 continue
@@ -264,7 +264,7 @@ class Study:
         log = open(where / f"{name}.log", "wb")
         return subprocess.Popen(words, cwd=where, env=self.environment, stdout=log, stderr=log)
 
-    # --- engines: each does the script that `fdm plan --for` has written ---
+    # --- engines: each does the script that `fdm job plan --for` has written ---
 
     def script(self, where: Path, engine: str) -> None:
         done = self.call(["bash", f"job.{engine}.sh"], where)
@@ -311,7 +311,7 @@ class Study:
                 server.stdin.write("go\n")
                 server.stdin.flush()
                 self.said(server)
-                self.call([str(self.fdm), "merge", "job.tasks"], where)
+                self.call([str(self.fdm), "job", "merge", "job.tasks"], where)
 
             yield go
 
@@ -345,7 +345,7 @@ class Study:
             def go() -> None:
                 done = self.call(["sbatch", "--wait", "job.slurm.sh"], where, check=False)
                 (where / "engine.log").write_text(done.stdout + done.stderr)
-                self.call([str(self.fdm), "merge", "job.tasks"], where)
+                self.call([str(self.fdm), "job", "merge", "job.tasks"], where)
 
             yield go
         finally:
@@ -387,7 +387,7 @@ class Study:
             with ThreadPoolExecutor(2) as nodes:
                 if any(nodes.map(pod, range(count))):
                     raise RuntimeError("an index has failed")
-            self.call([str(self.fdm), "merge", "job.tasks"], where)
+            self.call([str(self.fdm), "job", "merge", "job.tasks"], where)
 
         yield go
 
@@ -432,7 +432,7 @@ class Study:
         python = engine in ("dask", "ray")
         program = [str(self.engines / "venv/bin/python"), "-m", "fdm"] if python else [str(self.fdm)]
         shards = str(self.options.shards)
-        self.call([*program, "plan", "job.toml", "-q", "--untimed", "--for", engine, "--shards", shards], where)
+        self.call([*program, "job", "plan", "job.toml", "-q", "--untimed", "--for", engine, "--shards", shards], where)
         watch = Watch(where, pause, random.Random(f"{kind} {engine}"))
         cost, result = Cost(0.0, 0.0), b""
         opened = time.perf_counter()

@@ -8,6 +8,7 @@ kept in the repository. Durations, dates and names of folders are left out.
 """
 import html.parser
 import json
+import os
 import pathlib
 import re
 import shlex
@@ -15,6 +16,8 @@ import subprocess
 import sys
 import time
 
+# lines as they are, whatever the terminal
+WIDE = {**os.environ, "COLUMNS": "100000"}
 HERE = pathlib.Path(__file__).resolve().parent
 # what a clock decides: in text, and by key
 CLOCK = re.compile(r"\b\d+(\.\d+)? (s|ms|min|h)\b|\b\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d)?Z?")
@@ -38,7 +41,7 @@ def make(program, folder):
             continue
         begun = time.monotonic()
         words = [word.replace("{o}", str(folder)) for word in words]
-        done = subprocess.run([program, "--no-project", *words], capture_output=True, text=True, errors="replace")
+        done = subprocess.run([program, "--no-project", *words], capture_output=True, text=True, errors="replace", env=WIDE)
         text = f"exit {done.returncode}\n{done.stdout}\n----\n{done.stderr if done.returncode else ''}"
         told.write_text(text.replace(str(folder), "{o}"))
         print(f"{name}: exit {done.returncode}, {time.monotonic() - begun:.1f} s", flush=True)

@@ -202,7 +202,7 @@ fn patterns_find_files_in_the_order_of_the_alphabet() {
     let names: Vec<&str> = found["outputs"].as_array().unwrap().iter().map(|o| o["run"].as_str().unwrap()).collect();
     assert_eq!(names, ["a1", "a2", "b1"]);
     assert!(desk.refused("fit m.fdm --data c*.csv").contains("c*.csv: no file has such a name"));
-    assert!(desk.refused("fit --data a1.csv m.fdm").contains("MODEL"));
+    assert!(desk.refused("fit --data a1.csv").contains("type\n  fdm fit m.fdm a1.csv"));
 }
 
 const HEADING: &str = "model heading {
@@ -256,7 +256,7 @@ fn a_project_file_says_what_is_not_typed() {
     // what is typed goes before it
     let typed = desk.json("fit m.fdm --data a1.csv --known T0=350 --json -q");
     assert_eq!(typed["outputs"].as_array().unwrap().len(), 1);
-    assert!(desk.refused("fit --no-project").contains("MODEL"));
+    assert!(desk.refused("fit --no-project").contains("no model and no record"));
     for (text, wanted) in [
         ("mode = \"m.fdm\"", "mode"),
         ("[options]\niteration = 3", "did you mean `iterations`?"),

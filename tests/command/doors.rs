@@ -73,7 +73,7 @@ fn a_job_forces_nothing_and_writes_in_its_folder_only() {
             "job.toml",
             format!("command = 'fit'\nmodel = 'gain.fdm'\ndata = 'run.csv'\nstarts = 3\n{option}\n"),
         );
-        let found = desk.refused("plan job.toml -q --untimed");
+        let found = desk.refused("job plan job.toml -q --untimed");
         assert!(found.contains(said), "{option}: {found}");
     }
 }
@@ -103,7 +103,7 @@ fn a_project_file_of_another_user_is_left_alone() {
             found.contains("user 54321") && found.contains("--no-project") && found.contains("FDM_SAFE_FOLDERS"),
             "{found}"
         );
-        assert!(support::command::refused(&mut at("--no-project")).contains("MODEL"));
+        assert!(support::command::refused(&mut at("--no-project")).contains("no model"));
         support::command::good(at("").env("FDM_SAFE_FOLDERS", desk.path("")));
         if rustix::process::geteuid().is_root() {
             support::command::good(at("").env("SUDO_UID", "54321"));
@@ -119,8 +119,8 @@ fn devices_are_refused_wherever_a_file_is_named() {
         "fit gain.fdm --runs /dev/urandom -q",
         "fit gain.fdm --data run.csv --map-file /dev/zero -q",
         "diagnose gain.fdm --data run.csv --effects /dev/zero -q",
-        "plan /dev/zero",
-        "run /dev/zero --out tasks",
+        "job plan /dev/zero",
+        "job run /dev/zero --out tasks",
         "verify /dev/zero --against gain.fdm",
     ] {
         let found = desk.refused(words);
@@ -175,10 +175,10 @@ fn machine_code_in_a_model_that_only_a_file_names_wants_a_word() {
     desk.refused("simulate");
     fs::remove_file(desk.path("fdm.toml")).unwrap();
     desk.write("job.toml", "command = 'fit'\nmodel = 'unit.fdm'\ndata = 'run.csv'\nstarts = 3\n");
-    assert!(desk.refused("plan job.toml -q --untimed").contains("--allow-units"));
-    desk.good("plan job.toml -q --untimed --allow-units");
-    assert!(!desk.fdm("run job.plan --out tasks -q").status.success());
-    desk.good("run job.plan --out tasks -q --allow-units");
+    assert!(desk.refused("job plan job.toml -q --untimed").contains("--allow-units"));
+    desk.good("job plan job.toml -q --untimed --allow-units");
+    assert!(!desk.fdm("job run job.plan --out tasks -q").status.success());
+    desk.good("job run job.plan --out tasks -q --allow-units");
     desk.write(
         "experiment.toml",
         "title = \"t\"\nsource = \"s\"\n[[record]]\nname = \"r\"\nfile = \"run.csv\"\n[[step]]\nname = \"a\"\nmodel = \"unit.fdm\"\n",

@@ -1,4 +1,4 @@
-//! The verbs of somebody who begins: `new`, `show`, `explain`, `codegen`, as they are typed.
+//! The verbs of somebody who begins: `new`, `show`, `explain`, `export`, as they are typed.
 
 use fdm_grammar::Code;
 use serde_json::Value;
@@ -34,11 +34,11 @@ fn a_new_model_checks_simulates_and_fits() {
     ];
     for (kind, name, truth) in kinds {
         let said = at.good(&format!("new my-{kind}.fdm --kind {kind}"));
-        assert!(said.contains(&format!("fdm fit my-{kind}.fdm --data my-{kind}.csv")), "{said}");
+        assert!(said.contains(&format!("fdm fit my-{kind}.fdm my-{kind}.csv")), "{said}");
         at.good(&format!("fmt --check my-{kind}.fdm"));
         let checked = at.fdm(&format!("check my-{kind}.fdm"));
         assert_eq!((checked.status.code(), checked.stderr.len()), (Some(0), 0), "{kind}: {checked:?}");
-        let simulated = at.good(&format!("simulate my-{kind}.fdm --data my-{kind}.csv"));
+        let simulated = at.good(&format!("simulate my-{kind}.fdm my-{kind}.csv"));
         assert!(simulated.lines().count() > 30 && !simulated.contains("NaN"), "{simulated}");
         let fitted = at.good(&format!("fit my-{kind}.fdm --data my-{kind}.csv --json -q"));
         let fitted: Value = serde_json::from_str(&fitted).unwrap();
@@ -160,19 +160,23 @@ fn every_code_is_explained_and_messages_say_where() {
 #[test]
 fn code_goes_to_the_terminal_or_to_a_file_that_is_not_the_model() {
     let at = desk();
-    let c = at.good("codegen m.fdm --lang c");
+    let c = at.good("export m.fdm --to c");
     assert!(c.contains("void swing_sensitivity_rates(") && c.contains("#define fdm_sin sin"));
-    assert_eq!(at.good("codegen m.fdm --lang rust --out m.rs"), "");
+    assert_eq!(at.good("export m.fdm --to rust -o m.rs"), "");
     let rust = at.text("m.rs");
     assert!(rust.contains("use libm as elementary;") && rust.contains("pub fn sensitivity_rates("));
-    assert!(at.good("codegen m.fdm --lang rust --elementary std").contains("x.sin()"));
+    assert!(at.good("export m.fdm --to rust --elementary std").contains("x.sin()"));
     let count = |text: &str| {
         let line = text.lines().find(|l| l.starts_with("pub const F_THETA_ENTRIES")).unwrap().to_string();
         line.trim_end_matches(';').rsplit(' ').next().unwrap().parse::<usize>().unwrap()
     };
-    assert_eq!(count(&at.good("codegen m.fdm --lang rust --free c")), count(&rust) + 1);
-    assert!(at.refused("codegen m.fdm --lang c --out m.fdm").contains("written over"));
+    assert_eq!(count(&at.good("export m.fdm --to rust --free c")), count(&rust) + 1);
+    assert!(at.refused("export m.fdm --to c -o m.fdm").contains("written over"));
     assert_eq!(at.text("m.fdm"), MODEL);
-    assert!(at.refused("codegen m.fdm --lang rust --elementary a;b").contains("not the path"));
-    assert!(at.refused("codegen m.fdm --lang c --out none/m.c").contains("none/m.c"));
+    assert!(at.refused("export m.fdm --to rust --elementary a;b").contains("not the path"));
+    assert!(at.refused("export m.fdm --to c --elementary std").contains("cc -DFDM_ELEMENTARY"));
+    // a tie that is switched off is a parameter more
+    at.write("tied.fdm", MODEL.replace("param  slow", "param  o = 1 [m]; tie o = 2*length; param  slow"));
+    let derived = |words: &str| at.good(words).contains("DERIVED_NAMES: [&str; 2]");
+    assert!(derived("export tied.fdm --to rust") && !derived("export tied.fdm --to rust --untie o"));
 }

@@ -281,7 +281,12 @@ fn directories() {
 fn a_model_and_a_record_confused() {
     let desk = Watched::new();
     let (model, record) = (desk.file("gain.fdm", GAIN), desk.record());
-    desk.refuses_model(&record, &["E0101", "run.csv:1:1", "looks like a table"]);
+    for verb in ["simulate", "fit"] {
+        let arguments = [OsStr::new(verb), record.as_os_str(), OsStr::new("--data"), record.as_os_str()];
+        desk.run(arguments).refused(&["no model among these words", &format!("fdm {verb} ")]);
+    }
+    let told = desk.run([OsStr::new("check"), record.as_os_str()]);
+    told.refused(&["E0101", "run.csv:1:1", "looks like a table"]);
     desk.refuses_record(&model, &["gain.fdm"]);
 }
 

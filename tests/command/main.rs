@@ -26,6 +26,7 @@ mod refused_spectra;
 mod reproduce;
 mod results;
 mod study;
+mod subjects;
 mod suites;
 mod terminal;
 mod uncertainty;

@@ -20,32 +20,68 @@ const MODELS: [&str; 10] = [
     "vstol/model",
 ];
 
-/// The verbs, as the overview lists them.
+/// The verbs, those below another with both names: `job plan`.
 fn verbs() -> Vec<String> {
-    let overview = help(&[]);
-    let (_, commands) = overview.split_once("Commands:\n").unwrap();
-    let lines = commands.lines().take_while(|l| !l.trim().is_empty());
-    let named = lines.filter(|l| l.starts_with("  ") && !l.starts_with("   "));
-    let names: Vec<String> = named.map(|l| l.split_whitespace().next().unwrap().to_string()).collect();
-    assert!(names.len() > 20, "{names:?}");
-    names.into_iter().filter(|name| name != "help").collect()
+    let command = fdm_cli::command();
+    let both = command.get_subcommands().flat_map(|verb| {
+        let below = verb.get_subcommands().map(|sub| format!("{} {}", verb.get_name(), sub.get_name()));
+        std::iter::once(verb.get_name().to_string()).chain(below)
+    });
+    both.collect()
 }
 
-fn help(verb: &[&str]) -> String {
-    let output = at_home("").args(verb).arg("--help").env("COLUMNS", "100").output().unwrap();
-    assert_eq!(output.status.code(), Some(0), "{verb:?}: {}", said(&output));
+/// What `--help` or `-h` prints where the terminal has so many columns.
+fn help(words: &str, option: &str, columns: usize) -> String {
+    let output = at_home(words).arg(option).env("COLUMNS", columns.to_string()).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{words:?}: {}", said(&output));
     printed(&output)
 }
 
 #[test]
 fn every_help() {
     let mut suite = Suite::new("help");
-    suite.check("fdm.txt", &help(&[]));
-    let all: Vec<(String, String)> = verbs().into_par_iter().map(|verb| (help(&[&verb]), verb)).collect();
+    suite.check("fdm.txt", &help("", "--help", 100));
+    let verbs = verbs();
+    assert!(verbs.len() > 35, "{verbs:?}");
+    let all: Vec<(String, String)> =
+        verbs.into_par_iter().map(|verb| (help(&verb, "--help", 100), verb.replace(' ', "_"))).collect();
     for (text, verb) in all {
         suite.check(&format!("{verb}.txt"), &text);
     }
     suite.finish();
+}
+
+/// Every page of help, at the widths that terminals have.
+#[test]
+fn no_help_is_wider_than_the_terminal() {
+    let pages: Vec<String> = verbs().into_iter().chain([String::new()]).collect();
+    let wide: Vec<String> = pages
+        .into_par_iter()
+        .flat_map_iter(|verb| {
+            let each = [("--help", 80), ("-h", 80), ("--help", 120), ("-h", 120)].into_iter();
+            each.flat_map(move |(option, columns)| {
+                let text = help(&verb, option, columns);
+                let wide = |line: &&str| line.chars().count() > columns;
+                let told: Vec<String> =
+                    text.lines().filter(wide).map(|line| format!("{verb} {option}, {columns}: {line}")).collect();
+                told
+            })
+        })
+        .collect();
+    assert!(wide.is_empty(), "{}", wide.join("\n"));
+}
+
+/// The options that people use, and no more.
+#[test]
+fn the_short_help_is_short() {
+    for verb in ["fit", "diagnose", "doctor", "simulate", "study", "validate", "regress"] {
+        let options = |option: &str| {
+            let text = help(verb, option, 100);
+            text.lines().filter(|line| line.trim_start().starts_with('-')).count()
+        };
+        let (short, all) = (options("-h"), options("--help"));
+        assert!(short <= 25 && short < all, "{verb}: {short} of {all}");
+    }
 }
 
 #[test]

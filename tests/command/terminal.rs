@@ -1,6 +1,5 @@
 //! What a terminal is offered: completions, a manual, plain text where colours are not wanted, charts of braille.
 
-use std::path::Path;
 use support::command::{printed, said};
 use support::{Desk, command};
 
@@ -25,18 +24,14 @@ fn the_manual_has_a_page_for_every_command() {
     good(&format!("man {}", folder.path().display()));
     let page = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
     assert!(page("fdm-fit.1").contains("filter\\-error"));
-    let listed = good("--help");
-    let (_, commands) = listed.split_once("Commands:\n").unwrap();
-    for line in
-        commands.lines().take_while(|l| !l.trim().is_empty()).filter(|l| l.starts_with("  ") && !l.starts_with("   "))
-    {
-        let name = line.split_whitespace().next().unwrap();
-        // clap's own
-        if name == "help" {
-            continue;
-        }
-        let there = Path::new(folder.path()).join(format!("fdm-{name}.1")).is_file();
-        assert!(there, "no page for {name}");
+    let command = fdm_cli::command();
+    let verbs = command.get_subcommands();
+    let pages = verbs.flat_map(|verb| {
+        let below = verb.get_subcommands().map(|sub| format!("{}-{}", verb.get_name(), sub.get_name()));
+        below.chain([verb.get_name().to_string()])
+    });
+    for name in pages {
+        assert!(folder.path().join(format!("fdm-{name}.1")).is_file(), "no page for {name}");
     }
     assert!(good("man").contains(".TH fdm 1"));
 }
@@ -47,6 +42,56 @@ fn what_is_piped_has_no_colours_and_fits_a_terminal() {
     assert!(!text.contains('\x1b'), "no colours in a pipe");
     let chart: Vec<&str> = text.lines().filter(|l| l.chars().any(|c| ('\u{2801}'..='\u{28ff}').contains(&c))).collect();
     assert!(chart.len() > 8 && chart.iter().all(|l| l.chars().count() <= 80), "{text}");
+}
+
+/// Tables, remarks and messages where the terminal has 80 or 120 columns, and 100 where there is none.
+#[test]
+fn what_is_printed_fits_the_terminal() {
+    let roll = "models/ship_roll_decay/model.fdm models/ship_roll_decay/run.csv --every 10";
+    let desk =
+        Desk::with([("odd.fdm", "model odd { state x; der(x) = -a_rate_that_nothing_declares*x; output y = z; }")]);
+    let odd = desk.path("odd.fdm").display().to_string();
+    for (words, code) in [
+        (format!("fit {roll}"), 0),
+        (format!("fit {roll} --verbose --intervals --history"), 0),
+        (format!("doctor {roll}"), 0),
+        ("regress models/t33/model.fdm models/t33/noise_2_percent.csv".into(), 0),
+        (format!("profile {roll} --parameter d1"), 0),
+        ("check models/hover/model.fdm".into(), 0),
+        ("modes models/hover/model.fdm".into(), 0),
+        ("effects models/ship_roll_decay/linear.fdm".into(), 0),
+        ("explain".into(), 0),
+        ("explain E0201 W0703".into(), 0),
+        (format!("check {odd}"), 2),
+        (
+            "fit models/ship_roll_decay/model.fdm --data none.csv --noise diagonal --noise full --integrator radau"
+                .into(),
+            2,
+        ),
+        ("fit models/ship_roll_decay/model.fdm --no-such-option --and-another".into(), 2),
+    ] {
+        for columns in [Some(80), Some(120), None] {
+            let mut command = command::at_home(&words);
+            match columns {
+                Some(columns) => command.env("COLUMNS", columns.to_string()),
+                None => command.env_remove("COLUMNS"),
+            };
+            let output = command.output().unwrap();
+            assert_eq!(output.status.code(), Some(code), "{words}: {}", said(&output));
+            let wide = |line: &&str| {
+                let is_long = line.chars().count() > columns.unwrap_or(100);
+                // a word is not broken, and a model's text stands as it was written
+                is_long && line.trim().contains(' ') && !line.contains(" | ") && !line.contains("-->")
+            };
+            for text in [printed(&output), said(&output)] {
+                let told: Vec<&str> = text.lines().filter(wide).collect();
+                assert!(told.is_empty(), "{words} at {columns:?}:\n{}", told.join("\n"));
+            }
+        }
+    }
+    // JSON is for programs
+    let json = good(&format!("fit {roll} --json -q"));
+    assert_eq!(json.trim_end().lines().count(), 1);
 }
 
 /// Names and texts that would act on a terminal: they are shown, by every verb and in every message.

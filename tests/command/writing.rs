@@ -81,8 +81,8 @@ fn nothing_is_written_over_what_is_read() {
         }
     }
     // the model, a file that it uses, a result and the records that it was made from
-    refused("codegen gain.fdm --lang c --out ./gain.fdm", ["--out", "MODEL"]);
-    refused("codegen gain.fdm --lang c --out part.fdm", ["--out", "MODEL"]);
+    refused("export gain.fdm --to c -o ./gain.fdm", ["--output", "MODEL"]);
+    refused("export gain.fdm --to c -o part.fdm", ["--output", "MODEL"]);
     refused("extend gain.fdm --effect input_delay(u) --write gain.fdm", ["--write", "MODEL"]);
     refused("report base -o base/result.json", ["--output", "DIR"]);
     refused("plot base --figure autocorrelation-1 -o base/manifest.json", ["--output", "DIR"]);
@@ -150,8 +150,8 @@ fn single_files_of_others_are_replaced_with_force_only() {
         ("plot base --figure history-1-1 -o @", "figure.svg", true),
         ("plot base --figure history-1-1 --dark -o @", "dark.svg", true),
         ("plot base --figure history-1-1 -o @", "figure.png", true),
-        ("codegen gain.fdm --lang c --out @", "gain.c", true),
-        ("codegen gain.fdm --lang rust --out @", "gain.rs", true),
+        ("export gain.fdm --to c -o @", "gain.c", true),
+        ("export gain.fdm --to rust -o @", "gain.rs", true),
         // somebody may have written in it since
         ("extend gain.fdm --effect input_delay(u) --write @", "more.fdm", false),
     ];
@@ -170,11 +170,9 @@ fn single_files_of_others_are_replaced_with_force_only() {
         desk.good(&words);
     }
     // a dash is standard output, where the result itself goes there
-    for words in [
-        "simulate gain.fdm --data run.csv -o -",
-        "codegen gain.fdm --lang c -o -",
-        "plot base --figure history-1-1 -o -",
-    ] {
+    for words in
+        ["simulate gain.fdm --data run.csv -o -", "export gain.fdm --to c -o -", "plot base --figure history-1-1 -o -"]
+    {
         assert!(!desk.good(words).is_empty(), "{words}");
     }
     for words in ["fit gain.fdm --data run.csv --plot -", "extend gain.fdm --effect input_delay(u) --write -"] {
@@ -192,7 +190,7 @@ fn a_full_disk_is_told_by_every_verb() {
     for words in [
         "simulate gain.fdm --data run.csv -o /dev/full",
         "report base -o /dev/full",
-        "codegen gain.fdm --lang c --out /dev/full",
+        "export gain.fdm --to c -o /dev/full",
         "fit gain.fdm --data run.csv -q --plot /dev/full",
     ] {
         let output = desk.fdm(words);

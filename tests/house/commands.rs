@@ -1,6 +1,7 @@
 //! Commands in README, guide and reference are understood; those of the guide are run, page by page and in order.
 
 use rayon::prelude::*;
+use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
@@ -66,8 +67,8 @@ fn every_command_is_understood() {
     for page in pages(&["docs/guide", "docs/reference"]).into_iter().chain([repository().join("README.md")]) {
         for (line, _, words) in commands(&page) {
             count += 1;
-            let parsed = fdm_cli::command().try_get_matches_from(["fdm".to_string()].into_iter().chain(words));
-            if let Err(e) = parsed.map_err(|e| e.to_string()) {
+            let all = ["fdm".to_string()].into_iter().chain(words).map(OsString::from);
+            if let Err(e) = fdm_cli::understood(all) {
                 wrong.push(format!("{}:{line}: {e}", page.display()));
             }
         }

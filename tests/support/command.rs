@@ -8,14 +8,16 @@ use std::{fs, io};
 use tempfile::TempDir;
 
 /// The command under test: the program that Cargo built for the package whose tests run. It is named `fdm-tested`, so that it does not
-/// stand in the place of `fdm` itself.
+/// stand in the place of `fdm` itself. Its lines are not wrapped, so that sentences are found whole.
 pub fn fdm() -> Command {
     let beside = || {
         let test = std::env::current_exe().unwrap();
         // <target>/<profile>/deps/<test>
         test.parent().and_then(Path::parent).unwrap().join("fdm-tested")
     };
-    Command::new(std::env::var_os("CARGO_BIN_EXE_fdm-tested").map_or_else(beside, PathBuf::from))
+    let mut command = Command::new(std::env::var_os("CARGO_BIN_EXE_fdm-tested").map_or_else(beside, PathBuf::from));
+    command.env("COLUMNS", "100000");
+    command
 }
 
 /// What was said on standard error.

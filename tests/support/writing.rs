@@ -104,7 +104,7 @@ pub const FORMS: [Form; 17] = [
         &["extended.fdm"],
         &[],
     ),
-    form("codegen --out", "codegen model.fdm --lang c --set k=1.@ --out model.c", &["model.c"], &[]),
+    form("export -o", "export model.fdm --to c --set k=1.@ -o model.c", &["model.c"], &[]),
     form("man", "man manual", &["manual/fdm.1", "manual/fdm-fit.1"], &[]),
     Form {
         name: "fmt",

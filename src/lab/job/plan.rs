@@ -57,13 +57,13 @@ pub struct PlannedCommand {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum PlanError {
     /// Something else.
-    #[error("this is no plan; `fdm plan JOB.toml` makes one")]
+    #[error("this is no plan; `fdm job plan JOB.toml` makes one")]
     Foreign,
     /// Of a later version.
     #[error("this plan is of a newer fdm (format {0}; this program reads format {FORMAT})")]
     Newer(u32),
     /// Changed since it was made, or torn.
-    #[error("this plan was changed or torn since it was made; `fdm plan JOB.toml` makes it anew")]
+    #[error("this plan was changed or torn since it was made; `fdm job plan JOB.toml` makes it anew")]
     Damaged,
 }
 

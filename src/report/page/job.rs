@@ -18,7 +18,7 @@ pub fn job_page(status: &JobStatus) -> String {
         sections.push(Section::new("damaged", "Files that are not used", content));
     }
     let (trust, sentence) = match (status.is_whole(), status.shards.iter().any(|s| s.alive)) {
-        (true, _) => (Trust::Good, "Every task is done; fdm merge makes the result.".to_string()),
+        (true, _) => (Trust::Good, "Every task is done; fdm job merge makes the result.".to_string()),
         (false, true) => (Trust::Open, "At work.".into()),
         (false, false) => (Trust::Reserved, "Tasks are missing, and nobody is at work on them.".into()),
     };

@@ -223,6 +223,11 @@ fn manifest_of(folder: &Path, format: fn(&str) -> Option<u32>) -> Result<(String
 }
 
 impl ResultFolder {
+    /// Whether a folder holds a manifest, as that of every result does; whether it is whole is seen when it is opened.
+    pub fn stands_in(folder: impl AsRef<Path>) -> bool {
+        folder.as_ref().join(manifest::NAME).is_file()
+    }
+
     /// Reads a folder and checks its version and every file's fingerprint.
     ///
     /// # Errors

@@ -1,8 +1,9 @@
-//! `fdm run`: a share of the tasks of a plan. What is done is kept in a folder that many programs fill at once, whatever becomes of them.
+//! `fdm job run`: a share of the tasks of a plan. What is done is kept in a folder that many programs fill at once, whatever becomes of them.
 
+use super::work::{Command, JobFolder, host, kept, read_plan, refuse_other, unwritten};
+use crate::deliver::Manner;
 use crate::failure::{Ending, Failure, OrFailure, ended, remark};
 use crate::halt::{Halt, TimeLimit};
-use crate::job::{Command, JobFolder, host, kept, read_plan, refuse_other, unwritten};
 use crate::progress::{Progress, counted};
 use crate::tasks::said;
 use clap::Args;
@@ -16,10 +17,10 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// What `fdm run` takes.
+/// What `fdm job run` takes.
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
-    /// Plan that `fdm plan` made
+    /// Plan that `fdm job plan` made
     #[arg(value_name = "PLAN")]
     plan: PathBuf,
     /// The I-th of N shares; `auto` or auto/N as the engine says that has started this program (Slurm, HyperQueue, PBS, Grid Engine, LSF,
@@ -31,9 +32,8 @@ pub(crate) struct Arguments {
     out: PathBuf,
     #[command(flatten)]
     limit: TimeLimit,
-    /// Say nothing while working
-    #[arg(short, long)]
-    quiet: bool,
+    #[command(flatten)]
+    manner: Manner,
 }
 
 fn shard(words: &str) -> Result<Shard, String> {
@@ -46,11 +46,11 @@ const LONGEST: Duration = Duration::from_secs(60);
 const PART: u32 = 4;
 /// How much longer the work is than the writing of its results.
 const SHARE: u32 = 20;
-/// How often a program tells that it is at work; `fdm status` counts on it.
-pub(crate) const PULSE: Duration = Duration::from_secs(5);
+/// How often a program tells that it is at work; `fdm job status` counts on it.
+pub(super) const PULSE: Duration = Duration::from_secs(5);
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
-    let progress = Progress::new(arguments.quiet).within(&arguments.limit);
+    let progress = Progress::new(arguments.manner.quiet).within(&arguments.limit);
     let halt = progress.halt();
     let plan = read_plan(&arguments.plan)?;
     let job = JobFolder::of(plan, &arguments.out)?;
@@ -98,7 +98,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         return Err(Failure::Input(vec!["the tasks above cannot be done".into()]));
     }
     let (tasks, done) = bench.counts();
-    if !arguments.quiet || done < tasks {
+    if !arguments.manner.quiet || done < tasks {
         remark(format_args!(
             "{done} of {tasks} tasks of shard {} are done in {}",
             arguments.shard,

@@ -5,7 +5,7 @@ use std::path::Path;
 
 /// An engine.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Engine {
+pub(super) enum Engine {
     /// GNU parallel, on one machine or over ssh
     Parallel,
     /// Slurm: an array of jobs that may be preempted and queued again
@@ -24,10 +24,10 @@ pub(crate) enum Engine {
 
 impl Engine {
     /// Tells a script of ours from others.
-    pub(crate) const MARK: &str = "Written by fdm plan";
+    pub(super) const MARK: &str = "Written by fdm job plan";
 
     /// The ending of its script.
-    pub(crate) fn ending(self) -> &'static str {
+    pub(super) fn ending(self) -> &'static str {
         match self {
             Self::Parallel => "parallel.sh",
             Self::Slurm => "slurm.sh",
@@ -52,7 +52,7 @@ impl Engine {
     }
 
     /// The script that starts so many shards of a plan, each again when it was lost, and says how they are merged.
-    pub(crate) fn script(self, plan: &Path, shards: u32) -> String {
+    pub(super) fn script(self, plan: &Path, shards: u32) -> String {
         let name = plan.file_stem().unwrap_or_default().to_string_lossy();
         let folder = plan.parent().unwrap_or(Path::new("/")).display().to_string();
         let file = plan.file_name().unwrap_or_default().to_string_lossy().into_owned();

@@ -1,8 +1,9 @@
-//! `fdm plan`: a job file becomes tasks that many machines can share, with what they cost.
+//! `fdm job plan`: a job file becomes tasks that many machines can share, with what they cost.
 
-use crate::engine::Engine;
-use crate::failure::{Ending, Failure, OrFailure, ended, print, remark};
-use crate::job::{Command, completed, read_job};
+use super::engine::Engine;
+use super::work::{Command, completed, read_job};
+use crate::deliver::Manner;
+use crate::failure::{Ending, Failure, OrFailure, as_json, ended, print, print_lines, remark};
 use crate::progress::Progress;
 use clap::Args;
 use fdm_estimate::CheckpointStore;
@@ -13,7 +14,7 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// What `fdm plan` takes.
+/// What `fdm job plan` takes.
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
     /// Job file: a command and its options by their long names
@@ -37,9 +38,8 @@ pub(crate) struct Arguments {
     /// Print JSON instead of tables
     #[arg(long)]
     json: bool,
-    /// Say nothing while working
-    #[arg(short, long)]
-    quiet: bool,
+    #[command(flatten)]
+    manner: Manner,
 }
 
 /// What is printed of a plan.
@@ -73,7 +73,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     for file in std::iter::once(&output).chain(&script) {
         refuse_strangers(file, arguments.force)?;
     }
-    let progress = Progress::new(arguments.quiet);
+    let progress = Progress::new(arguments.manner.quiet);
     // paths in a job are relative to its folder
     std::env::set_current_dir(&folder).map_err(|e| Failure::at(&folder, &e))?;
     let mut commands = Vec::new();
@@ -161,7 +161,7 @@ fn told(arguments: &Arguments, plan: &Plan, output: &Path, script: Option<&Path>
         commands: plan.commands.iter().map(command).collect(),
     };
     if arguments.json {
-        return ended(print(&crate::failure::as_json(&told)?));
+        return ended(print_lines(&as_json(&told)?));
     }
     let mut text = format!("{}: {tasks} tasks\n", told.plan);
     const SHOWN: usize = 12;
@@ -187,7 +187,7 @@ fn told(arguments: &Arguments, plan: &Plan, output: &Path, script: Option<&Path>
     match script {
         Some(script) => text.push_str(&format!("script: {}\n", script.display())),
         None => text.push_str(&format!(
-            "next: fdm run {0} --shard I/N --out DIR for every I from 1 to N, then fdm merge DIR\n",
+            "next: fdm job run {0} --shard I/N --out DIR for every I from 1 to N, then fdm job merge DIR\n",
             output.file_name().unwrap_or_default().to_string_lossy()
         )),
     }
@@ -195,7 +195,7 @@ fn told(arguments: &Arguments, plan: &Plan, output: &Path, script: Option<&Path>
 }
 
 fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
-    write_file(path, bytes).map_err(|e| crate::job::unwritten(path, &e))
+    write_file(path, bytes).map_err(|e| super::work::unwritten(path, &e))
 }
 
 /// Refuses to write over what is no plan and no script of ours.

@@ -6,6 +6,6 @@ cd @FOLDER@
 fdm=${FDM:-fdm}
 for attempt in $(seq 100); do
     # $MPIRUN: its options, or srun --mpi=pmix
-    ${MPIRUN:-mpirun} -n "${RANKS:-@SHARDS@}" "$fdm" run @PLAN@ --shard auto --out @OUT@ --threads 1 --quiet && break
+    ${MPIRUN:-mpirun} -n "${RANKS:-@SHARDS@}" "$fdm" job run @PLAN@ --shard auto --out @OUT@ --threads 1 --quiet && break
 done
-"$fdm" merge @OUT@
+"$fdm" job merge @OUT@

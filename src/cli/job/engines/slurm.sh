@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# @MARK@. Slurm: sbatch this file; then `fdm merge` in its folder, or another job by sbatch --dependency=afterok:JOB.
+# @MARK@. Slurm: sbatch this file; then `fdm job merge` in its folder, or another job by sbatch --dependency=afterok:JOB.
 #SBATCH --job-name=@NAME@
 #SBATCH --array=1-@SHARDS@
 #SBATCH --cpus-per-task=1
@@ -12,7 +12,7 @@ over=
 # a minute before the time is over, or at a preemption: what is done is written, and the task is queued again
 trap 'over=yes; kill -TERM "$work"' TERM
 for attempt in $(seq 100); do
-    "$fdm" run @PLAN@ --shard auto/@SHARDS@ --out @OUT@ --threads "${SLURM_CPUS_PER_TASK:-1}" --quiet &
+    "$fdm" job run @PLAN@ --shard auto/@SHARDS@ --out @OUT@ --threads "${SLURM_CPUS_PER_TASK:-1}" --quiet &
     work=$!
     wait "$work"
     code=$?

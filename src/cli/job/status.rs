@@ -1,10 +1,10 @@
-//! `fdm status`: how far a job is, and who is at work on it.
+//! `fdm job status`: how far a job is, and who is at work on it.
 
+use super::run::PULSE;
+use super::work::JobFolder;
 use crate::deliver::write;
-use crate::failure::{Ending, OrFailure, as_json, ended, print};
-use crate::job::JobFolder;
+use crate::failure::{Ending, OrFailure, as_json, ended, print, print_lines};
 use crate::ownership::Overwriting;
-use crate::run::PULSE;
 use clap::Args;
 use fdm_report::job_text;
 use fdm_report::page::job_page;
@@ -13,7 +13,7 @@ use fdm_results::store::{TaskKey, clock_of};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
-/// What `fdm status` takes.
+/// What `fdm job status` takes.
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
     /// Folder that the shares are written to
@@ -69,7 +69,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         damaged: gathered.damaged.clone(),
         left: (rate > 0.0 && done < tasks).then(|| (tasks - done) as f64 / rate),
     };
-    let printed = print(&if arguments.json { as_json(&status)? } else { job_text(&status) });
+    let printed = if arguments.json { print_lines(&as_json(&status)?) } else { print(&job_text(&status)) };
     if let Some(file) = &report {
         write(file, job_page(&status))?;
     }

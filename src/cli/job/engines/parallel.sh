@@ -6,5 +6,5 @@ cd @FOLDER@
 fdm=${FDM:-fdm}
 # --quote: the words of the command are no text of a shell
 seq @SHARDS@ | parallel --quote --jobs "${JOBS:-100%}" --retries 100 \
-    "$fdm" run @PLAN@ --shard {}/@SHARDS@ --out @OUT@ --threads 1 --quiet
-"$fdm" merge @OUT@
+    "$fdm" job run @PLAN@ --shard {}/@SHARDS@ --out @OUT@ --threads 1 --quiet
+"$fdm" job merge @OUT@

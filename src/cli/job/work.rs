@@ -31,11 +31,11 @@ pub(crate) enum Command {
 const VERBS: [&str; 5] = ["fit", "study", "profile", "diagnose", "reproduce"];
 /// Options that make no sense in a job, and why.
 const LEFT_OUT: [(&str, &str); 5] = [
-    ("checkpoint", "the folder of `fdm run --out` keeps what is done"),
-    ("watch", "nobody watches a shard; `fdm status` tells how far it is"),
+    ("checkpoint", "the folder of `fdm job run --out` keeps what is done"),
+    ("watch", "nobody watches a shard; `fdm job status` tells how far it is"),
     ("write", "the extended text is a file of the result: give `out`"),
-    ("threads", "it is an option of `fdm run`"),
-    ("time-limit", "it is an option of `fdm run`, where a task that was begun is done again"),
+    ("threads", "it is an option of `fdm job run`"),
+    ("time-limit", "it is an option of `fdm job run`, where a task that was begun is done again"),
 ];
 
 impl Command {
@@ -259,7 +259,8 @@ impl JobFolder {
     pub(crate) fn open(folder: &Path) -> Result<Self, Failure> {
         let file = folder.join(PLAN);
         if !file.is_file() {
-            let said = format!("{}: no job is worked on here; `fdm run PLAN --out DIR` begins one", folder.display());
+            let said =
+                format!("{}: no job is worked on here; `fdm job run PLAN --out DIR` begins one", folder.display());
             return Err(Failure::Input(vec![said]));
         }
         Self::of(read_plan(&file)?, folder)

@@ -1,14 +1,15 @@
-//! `fdm merge`: what all machines have done becomes the result of the command, which ends as if it had done everything itself.
+//! `fdm job merge`: what all machines have done becomes the result of the command, which ends as if it had done everything itself.
 
+use super::work::{Command, JobFolder, kept};
+use crate::deliver::Manner;
 use crate::failure::{Ending, Failure, OrFailure, ended, print, remark};
-use crate::job::{Command, JobFolder, kept};
 use clap::Args;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 
-/// What `fdm merge` takes.
+/// What `fdm job merge` takes.
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
     /// Folder that the shares were written to
@@ -17,9 +18,8 @@ pub(crate) struct Arguments {
     /// Print JSON instead of tables, whatever the job says
     #[arg(long)]
     json: bool,
-    /// Say nothing while working
-    #[arg(short, long)]
-    quiet: bool,
+    #[command(flatten)]
+    manner: Manner,
 }
 
 /// Tasks that are named where some are missing.
@@ -36,7 +36,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         let more = missing.len().saturating_sub(NAMED);
         let rest = if more > 0 { format!(" and {more} more") } else { String::new() };
         return Err(Failure::Numbers(format!(
-            "{} of {} tasks are missing: {}{rest}; `fdm run {} --out {}` does them",
+            "{} of {} tasks are missing: {}{rest}; `fdm job run {} --out {}` does them",
             missing.len(),
             job.plan.count(),
             named.join(", "),
@@ -62,7 +62,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         let of_verb = planned.words.first().and_then(|verb| command.find_subcommand(verb));
         let takes = |name: &str| of_verb.is_some_and(|verb| verb.get_arguments().any(|a| a.get_long() == Some(name)));
         let mut words = planned.words.clone();
-        for (name, asked) in [("json", arguments.json), ("quiet", arguments.quiet)] {
+        for (name, asked) in [("json", arguments.json), ("quiet", arguments.manner.quiet)] {
             let word = format!("--{name}");
             if asked && takes(name) && !words.contains(&word) {
                 words.push(word);

@@ -6,7 +6,7 @@ cd @FOLDER@
 fdm=${FDM:-fdm}
 for attempt in $(seq 100); do
     hq submit --wait --name @NAME@ --array 1-@SHARDS@ --cpus 1 --stdout none --stderr none -- \
-        "$fdm" run @PLAN@ --shard auto/@SHARDS@ --out @OUT@ --threads 1 --quiet
-    "$fdm" status @OUT@ --json | grep -q '"missing":\[\]' && break
+        "$fdm" job run @PLAN@ --shard auto/@SHARDS@ --out @OUT@ --threads 1 --quiet
+    "$fdm" job status @OUT@ --json | grep -q '"missing":\[\]' && break
 done
-"$fdm" merge @OUT@
+"$fdm" job merge @OUT@
