@@ -23,7 +23,7 @@ mod interpolation;
 mod kinds;
 mod knowledge;
 mod limits;
-pub(crate) mod matching;
+pub mod matching;
 mod measures;
 mod model;
 mod names;

@@ -8,7 +8,7 @@ use super::predictor::{Predictor, tolerance};
 use super::projection::{Projected, Projection};
 use super::whitening::CommonNoise;
 use crate::screening::Shape;
-use fdm_grammar::effect::Kind;
+use fdm_effects::Kind;
 use fdm_grammar::syntax::Class;
 use fdm_system::model::Model;
 use fdm_system::simulate::{StepOptions, choose_steps, integration_error};

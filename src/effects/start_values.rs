@@ -2,8 +2,8 @@
 
 use super::edit::Editor;
 use super::subject::Subject;
-use crate::source::Source;
-use crate::syntax::{Role, StatementKind, Value};
+use fdm_grammar::source::Source;
+use fdm_grammar::syntax::{Role, StatementKind, Value};
 
 impl Subject {
     /// The text with these values behind the `=` of params that it declares itself; params of submodels and vectors
@@ -35,7 +35,7 @@ fn written(value: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::compile;
+    use fdm_grammar::compile;
 
     #[test]
     fn only_the_values_change() {

@@ -5,13 +5,13 @@ use super::conditions::fits;
 use super::definition::Effect;
 use super::probe;
 use super::subject::{Subject, Target};
-use crate::diagnostic::{Code, Diagnostic};
-use crate::source::Source;
-use crate::syntax::{Class, Field, SlotKind, parse_effects};
+use fdm_grammar::diagnostic::{Code, Diagnostic};
+use fdm_grammar::source::Source;
+use fdm_grammar::syntax::{Class, Field, SlotKind, parse_effects};
 use std::sync::Arc;
 
 /// The text of the catalogue that is always there, `models/effects.fdm`.
-pub const STANDARD: &str = include_str!("../../../models/effects.fdm");
+pub const STANDARD: &str = include_str!("../../models/effects.fdm");
 
 /// Most places of one effect; what is beyond is told, not tried.
 const MOST_PLACES: usize = 2000;

@@ -2,11 +2,11 @@
 
 use super::Rewrite;
 use super::values::number;
-use crate::effect::edit::Line;
-use crate::effect::extension::NewParam;
-use crate::effect::scales::{Beginning, rounded};
-use crate::effect::subject::vector_of;
-use crate::syntax::{Declaration, EffectLine, Expr, Role, Value};
+use crate::edit::Line;
+use crate::extension::NewParam;
+use crate::scales::{Beginning, rounded};
+use crate::subject::vector_of;
+use fdm_grammar::syntax::{Declaration, EffectLine, Expr, Role, Value};
 
 impl<'a> Rewrite<'a> {
     /// The effect's own states, lets and equations.
@@ -23,7 +23,7 @@ impl<'a> Rewrite<'a> {
                     }
                 }
                 EffectLine::Equation(left, right) => {
-                    let Some(state) = crate::effect::subject::derived(self.pool(), *left) else { continue };
+                    let Some(state) = crate::subject::derived(self.pool(), *left) else { continue };
                     let text = format!("der({}) = {};", self.names[state], self.print(*right));
                     self.lines.push((Line::Equation, text));
                 }

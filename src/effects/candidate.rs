@@ -5,8 +5,8 @@ use super::extension::Extension;
 use super::rewrite;
 use super::scales::Scales;
 use super::subject::{Subject, Untried};
-use crate::diagnostic::Diagnostic;
-use crate::syntax::{EffectLine, Field, Place, SlotKind};
+use fdm_grammar::diagnostic::Diagnostic;
+use fdm_grammar::syntax::{EffectLine, Field, Place, SlotKind};
 use std::collections::HashMap;
 use std::sync::Arc;
 

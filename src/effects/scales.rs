@@ -1,7 +1,7 @@
 //! What only the data know, asked for by name: sizes of signals, the sampling step, the length of the record.
 
 use super::subject::Subject;
-use crate::syntax::{BinarySign, Expr, ExprRef, SyntaxTree, UnarySign};
+use fdm_grammar::syntax::{BinarySign, Expr, ExprRef, SyntaxTree, UnarySign};
 use std::collections::HashMap;
 
 /// The value of a signal at the first sample.
@@ -150,7 +150,7 @@ impl Answers<'_> {
                     BinarySign::Subtract => a - b,
                     BinarySign::Multiply => a * b,
                     BinarySign::Divide => a / b,
-                    BinarySign::Power => crate::math::pow(a, b),
+                    BinarySign::Power => fdm_grammar::math::pow(a, b),
                     _ => return None,
                 }
             }

@@ -1,11 +1,11 @@
 //! Names and functions in the expressions of an effect.
 
 use super::Check;
-use crate::check::{function_form, function_names};
-use crate::diagnostic::{Code, nearest};
-use crate::effect::scales::{NAMED_REQUESTS, REQUESTS};
-use crate::source::Span;
-use crate::syntax::{Expr, ExprRef, Name};
+use crate::scales::{NAMED_REQUESTS, REQUESTS};
+use fdm_grammar::check::{function_form, function_names};
+use fdm_grammar::diagnostic::{Code, nearest};
+use fdm_grammar::source::Span;
+use fdm_grammar::syntax::{Expr, ExprRef, Name};
 
 impl<'a> Check<'a> {
     /// Names and functions below a root; `asked` where numbers and requests stand, not an equation.

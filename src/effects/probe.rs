@@ -5,10 +5,10 @@ use super::definition::{Effect, Kind};
 use super::null::Null;
 use super::scales::{Nominal, rounded};
 use super::subject::Subject;
-use crate::compile;
-use crate::diagnostic::{Code, Diagnostic};
-use crate::source::Source;
-use crate::syntax::SlotKind;
+use fdm_grammar::compile;
+use fdm_grammar::diagnostic::{Code, Diagnostic};
+use fdm_grammar::source::Source;
+use fdm_grammar::syntax::SlotKind;
 use std::fmt::Write;
 use std::sync::Arc;
 

@@ -1,9 +1,9 @@
 //! Whether the conditions are tests, and whether an effect has something to estimate and changes something with it.
 
 use super::{Check, What};
-use crate::diagnostic::{Code, nearest};
-use crate::source::Span;
-use crate::syntax::{EffectLine, Expr, ExprRef, Name, Tunable, Value};
+use fdm_grammar::diagnostic::{Code, nearest};
+use fdm_grammar::source::Span;
+use fdm_grammar::syntax::{EffectLine, Expr, ExprRef, Name, Tunable, Value};
 
 impl<'a> Check<'a> {
     /// Tests are made of the [`TESTS`], comparisons of slots, `and`, `or` and `not`.
@@ -34,7 +34,7 @@ impl<'a> Check<'a> {
                             }
                         }
                     }
-                    Expr::Unary(crate::syntax::UnarySign::Not, a) => open.push(*a),
+                    Expr::Unary(fdm_grammar::syntax::UnarySign::Not, a) => open.push(*a),
                     Expr::Binary(sign, a, b, _) if is_test(*sign) => open.extend([*b, *a]),
                     _ => self.tell(Code::WantedCondition, span, "this is no test".into(), forms()),
                 }
@@ -144,7 +144,7 @@ fn forms() -> String {
     )
 }
 
-fn is_test(sign: crate::syntax::BinarySign) -> bool {
-    use crate::syntax::BinarySign::*;
+fn is_test(sign: fdm_grammar::syntax::BinarySign) -> bool {
+    use fdm_grammar::syntax::BinarySign::*;
     matches!(sign, Equal | NotEqual | Less | Greater | And | Or)
 }

@@ -1,8 +1,8 @@
 //! An effect that passed its checks: every name known, every param with a null value, every line possible.
 
 use super::soundness;
-use crate::diagnostic::Diagnostic;
-use crate::syntax::{Class, EffectLine, EffectTree, Expr, ExprRef, Field, Tunable};
+use fdm_grammar::diagnostic::Diagnostic;
+use fdm_grammar::syntax::{Class, EffectLine, EffectTree, Expr, ExprRef, Field, Tunable};
 
 /// What a search can do with an effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -49,7 +49,7 @@ impl Effect {
 
     /// `input_delay(i: input)`
     pub fn signature(&self) -> String {
-        let slot = |s: &crate::syntax::Slot| {
+        let slot = |s: &fdm_grammar::syntax::Slot| {
             let kinds: Vec<_> = s.kinds.iter().map(|k| k.word()).collect();
             format!("{}: {}", s.name.text, kinds.join(" | "))
         };

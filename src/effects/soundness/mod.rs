@@ -7,9 +7,9 @@ mod expressions;
 mod lines;
 mod purpose;
 
-use crate::diagnostic::{Code, Diagnostic, nearest};
-use crate::source::Span;
-use crate::syntax::{EffectTree, Name, Place, Role, SlotKind};
+use fdm_grammar::diagnostic::{Code, Diagnostic, nearest};
+use fdm_grammar::source::Span;
+use fdm_grammar::syntax::{EffectTree, Name, Place, Role, SlotKind};
 use std::collections::BTreeMap;
 
 /// Everything that is wrong with an effect.

@@ -4,9 +4,9 @@
 //! whose time constant is null, its states follow without delay and stand where their rates vanish: the limit.
 
 use super::extension::NewParam;
-use crate::graph::{Leaf, Signal};
-use crate::model::Model;
-use crate::op::ExprId;
+use fdm_grammar::graph::{Leaf, Signal};
+use fdm_grammar::model::Model;
+use fdm_grammar::op::ExprId;
 use std::collections::HashMap;
 
 /// How an effect vanishes.

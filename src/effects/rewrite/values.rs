@@ -1,12 +1,12 @@
 //! Numbers of an effect at its place: consts, params with bounds and trials, and what stands behind their names.
 
 use super::Rewrite;
-use crate::diagnostic::{Code, Diagnostic};
-use crate::effect::edit::Line;
-use crate::effect::extension::NewParam;
-use crate::effect::scales::{Answers, NAMED_REQUESTS, REQUESTS, rounded};
-use crate::syntax::{Declaration, EffectLine, Expr, ExprRef, Role, SyntaxTree, Tunable, Value};
-use crate::unit::Unit;
+use crate::edit::Line;
+use crate::extension::NewParam;
+use crate::scales::{Answers, NAMED_REQUESTS, REQUESTS, rounded};
+use fdm_grammar::diagnostic::{Code, Diagnostic};
+use fdm_grammar::syntax::{Declaration, EffectLine, Expr, ExprRef, Role, SyntaxTree, Tunable, Value};
+use fdm_grammar::unit::Unit;
 
 impl<'a> Rewrite<'a> {
     pub(super) fn answers(&self) -> Answers<'_> {

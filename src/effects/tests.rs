@@ -1,8 +1,8 @@
 //! Effects on small models: where they fit, what they write, what is left untouched.
 
 use super::*;
-use crate::syntax::{parse_effects, print_effect};
-use crate::{Source, compile};
+use fdm_grammar::syntax::{parse_effects, print_effect};
+use fdm_grammar::{Source, compile};
 
 fn subject(text: &str) -> Subject {
     let source = Source::new("model.fdm", text);
@@ -338,7 +338,7 @@ fn what_nothing_can_be_attached_to_is_told() {
                 der(z) = act.y - z + delay(u, tau); output z_m = z; }";
     let lag = "model lag { input x; param T = 0.1, k = 1; state y; der(y) = (k*x - y)/T; output y_m = y; }";
     let mut source = Source::new("a.fdm", text);
-    crate::gather(&mut source, &mut |_| Ok(lag.to_string()));
+    fdm_grammar::gather(&mut source, &mut |_| Ok(lag.to_string()));
     let base = compile(&source).unwrap_or_else(|f| panic!("{f:?}"));
     let subject = Subject::new(&source, &base.model).unwrap();
     let told: Vec<String> = Catalogue::standard().places(&subject).untried.iter().map(ToString::to_string).collect();
@@ -456,4 +456,23 @@ fn heat_is_radiated_from_absolute_zero_on_whatever_the_scale() {
             assert!(made.text().contains(&format!("zero_T = {zero} [{unit}]")), "{}", made.text());
         }
     }
+}
+
+#[test]
+fn explained_examples_have_the_mistake_and_no_other_and_their_corrections_none() {
+    let pages = concat!(env!("CARGO_MANIFEST_DIR"), "/../../grammar/explain");
+    let mut tested = 0;
+    for page in std::fs::read_dir(pages).unwrap().map(|entry| entry.unwrap().path()) {
+        let text = std::fs::read_to_string(&page).unwrap();
+        let code = page.file_stem().unwrap().to_str().unwrap();
+        for (kind, example) in text.split("```").filter_map(|part| part.split_once('\n')) {
+            if example.starts_with("effect") {
+                let (_, findings) = Catalogue::read(&Source::new("page.fdm", example));
+                assert_eq!(findings.is_empty(), kind == "fdm", "{code}: {findings:?}");
+                assert!(findings.iter().all(|f| f.code.text() == code), "{code}: {findings:?}");
+                tested += 1;
+            }
+        }
+    }
+    assert!(tested >= 8, "{tested}");
 }

@@ -2,8 +2,8 @@
 
 use super::definition::Effect;
 use super::subject::{Subject, derived, value_of_let};
-use crate::syntax::{BinarySign, EffectLine, Expr, ExprRef, StatementKind, SyntaxTree, Value};
-use crate::unit::Unit;
+use fdm_grammar::syntax::{BinarySign, EffectLine, Expr, ExprRef, StatementKind, SyntaxTree, Value};
+use fdm_grammar::unit::Unit;
 use std::collections::{BTreeMap, HashMap};
 
 /// A unit times powers of units that are looked for.

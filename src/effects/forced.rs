@@ -8,11 +8,11 @@
 //! States that an extension brings are driven by the base model and do not act on it at the null. They are integrated, and their own
 //! sensitivities are left out.
 
-use crate::derive::{Jacobian, Pattern, differentiate, tangents};
-use crate::graph::{Graph, Leaf, Reference, Signal};
-use crate::model::{Model, Origin, State};
-use crate::op::{Build, ExprId};
-use crate::schedule::Schedule;
+use fdm_grammar::derive::{Jacobian, Pattern, differentiate, tangents};
+use fdm_grammar::graph::{Graph, Leaf, Reference, Signal};
+use fdm_grammar::model::{Model, Origin, State};
+use fdm_grammar::op::{Build, ExprId};
+use fdm_grammar::schedule::Schedule;
 use std::collections::BTreeMap;
 
 /// What a parameter of an extension is there.
@@ -158,32 +158,30 @@ impl Forced {
         let (n, q) = (self.model.states.len(), self.model.outputs.len());
         // driven states have no sensitivities that anything needs
         for partials in [&mut d.rates.state, &mut d.rates.delayed, &mut d.rates.input] {
-            partials.keep_rows(self.own);
+            keep_rows(partials, self.own);
         }
-        d.rates.param = Jacobian::of(n, &self.rates);
-        d.outputs.param = Jacobian::of(q, &self.outputs);
-        d.initial = Jacobian::of(n, &self.initial);
-        d.tau = Jacobian::of(self.model.graph.delayed().len(), &BTreeMap::new());
+        d.rates.param = jacobian(n, &self.rates);
+        d.outputs.param = jacobian(q, &self.outputs);
+        d.initial = jacobian(n, &self.initial);
+        d.tau = jacobian(self.model.graph.delayed().len(), &BTreeMap::new());
         Schedule::of(&self.model, &d)
     }
 }
 
-impl Jacobian {
-    /// Entries by row and column.
-    fn of(rows: usize, entries: &BTreeMap<(u32, u32), ExprId>) -> Self {
-        let mut pattern = Pattern { rows: vec![0], columns: Vec::new() };
-        for row in 0..rows as u32 {
-            pattern.columns.extend(entries.range((row, 0)..(row + 1, 0)).map(|((_, column), _)| *column));
-            pattern.rows.push(pattern.columns.len() as u32);
-        }
-        Self { pattern, entries: entries.values().copied().collect() }
+/// Entries by row and column.
+fn jacobian(rows: usize, entries: &BTreeMap<(u32, u32), ExprId>) -> Jacobian {
+    let mut pattern = Pattern { rows: vec![0], columns: Vec::new() };
+    for row in 0..rows as u32 {
+        pattern.columns.extend(entries.range((row, 0)..(row + 1, 0)).map(|((_, column), _)| *column));
+        pattern.rows.push(pattern.columns.len() as u32);
     }
+    Jacobian { pattern, entries: entries.values().copied().collect() }
+}
 
-    /// Empties all rows from this one on.
-    fn keep_rows(&mut self, rows: usize) {
-        let Some(end) = self.pattern.rows.get(rows).copied() else { return };
-        self.entries.truncate(end as usize);
-        self.pattern.columns.truncate(end as usize);
-        self.pattern.rows[rows..].iter_mut().for_each(|r| *r = end);
-    }
+/// Empties all rows from this one on.
+fn keep_rows(jacobian: &mut Jacobian, rows: usize) {
+    let Some(end) = jacobian.pattern.rows.get(rows).copied() else { return };
+    jacobian.entries.truncate(end as usize);
+    jacobian.pattern.columns.truncate(end as usize);
+    jacobian.pattern.rows[rows..].iter_mut().for_each(|r| *r = end);
 }

@@ -8,17 +8,17 @@ mod states;
 mod terms;
 mod values;
 
-use crate::diagnostic::{Code, Diagnostic};
-use crate::effect::candidate::{Candidate, Choice};
-use crate::effect::definition::{Effect, Kind};
-use crate::effect::dimension;
-use crate::effect::edit::{Editor, Line};
-use crate::effect::extension::{Extension, NewParam};
-use crate::effect::names::Taken;
-use crate::effect::scales::Scales;
-use crate::effect::subject::Subject;
-use crate::syntax::{Declaration, EffectLine, Expr, ExprRef, Printer, Role, SyntaxTree, Value};
-use crate::unit::Unit;
+use crate::candidate::{Candidate, Choice};
+use crate::definition::{Effect, Kind};
+use crate::dimension;
+use crate::edit::{Editor, Line};
+use crate::extension::{Extension, NewParam};
+use crate::names::Taken;
+use crate::scales::Scales;
+use crate::subject::Subject;
+use fdm_grammar::diagnostic::{Code, Diagnostic};
+use fdm_grammar::syntax::{Declaration, EffectLine, Expr, ExprRef, Printer, Role, SyntaxTree, Value};
+use fdm_grammar::unit::Unit;
 use std::collections::HashMap;
 
 /// See [`Candidate::apply`].

@@ -1,17 +1,17 @@
 //! The model that effects are tried on: its text, what is written there, and what it depends on.
 
 use super::turnover::{Turnover, Turnovers};
-use crate::check::matching::Matching;
-use crate::diagnostic::Diagnostic;
-use crate::gather;
-use crate::graph::{Graph, Leaf, Node, Signal};
-use crate::model::{Model, Origin};
-use crate::op::ExprId;
-use crate::source::{Source, Span};
-use crate::syntax::{
+use fdm_grammar::check::matching::Matching;
+use fdm_grammar::diagnostic::Diagnostic;
+use fdm_grammar::gather;
+use fdm_grammar::graph::{Graph, Leaf, Node, Signal};
+use fdm_grammar::model::{Model, Origin};
+use fdm_grammar::op::ExprId;
+use fdm_grammar::source::{Source, Span};
+use fdm_grammar::syntax::{
     BinarySign, Declaration, Expr, ExprRef, Role, Shape, SlotKind, StatementKind, SyntaxTree, UnarySign, Value, parse,
 };
-use crate::unit::Unit;
+use fdm_grammar::unit::Unit;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::OnceLock;
 

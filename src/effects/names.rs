@@ -1,7 +1,7 @@
 //! Names of what an effect brings into a model: telling ones that the model does not have.
 
-use crate::check::function_form;
-use crate::syntax::{Expr, StatementKind, SyntaxTree, word_use};
+use fdm_grammar::check::function_form;
+use fdm_grammar::syntax::{Expr, StatementKind, SyntaxTree, word_use};
 use std::collections::HashSet;
 
 /// Every name that a text uses for something, and those given since.

@@ -3,9 +3,9 @@
 use super::definition::Effect;
 use super::subject::{Subject, Target};
 use super::turnover::Turnover;
-use crate::graph::Leaf;
-use crate::syntax::{BinarySign, EffectLine, Expr, ExprRef, SlotKind, UnarySign};
-use crate::unit::Unit;
+use fdm_grammar::graph::Leaf;
+use fdm_grammar::syntax::{BinarySign, EffectLine, Expr, ExprRef, SlotKind, UnarySign};
+use fdm_grammar::unit::Unit;
 
 /// What a node of a test is.
 #[derive(Debug, Clone, Copy)]

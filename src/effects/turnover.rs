@@ -3,8 +3,8 @@
 //! Found by values: at random points at which all quantities are positive, more of the parameter always takes more of the state
 //! away, and takes nothing where the state is zero; or always makes more of it.
 
-use crate::graph::{Leaf, Node};
-use crate::model::Model;
+use fdm_grammar::graph::{Leaf, Node};
+use fdm_grammar::model::Model;
 
 /// Points that are looked at, and most that are drawn for that.
 const POINTS: u64 = 6;
@@ -128,8 +128,8 @@ fn fraction(seed: u64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::compile;
-    use crate::source::Source;
+    use fdm_grammar::compile;
+    use fdm_grammar::source::Source;
 
     #[test]
     fn rate_constants_are_found_through_arrhenius_terms_and_balances() {

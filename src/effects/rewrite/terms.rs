@@ -1,10 +1,10 @@
 //! `add` and `replace` lines to edits of the equations, outputs and uses that they change.
 
 use super::Rewrite;
-use crate::diagnostic::Diagnostic;
-use crate::effect::edit::Line;
-use crate::effect::subject::{Balance, Element, vector_of};
-use crate::syntax::{BinarySign, EffectLine, Expr, ExprRef, Role, SlotKind, SyntaxTree, Value};
+use crate::edit::Line;
+use crate::subject::{Balance, Element, vector_of};
+use fdm_grammar::diagnostic::Diagnostic;
+use fdm_grammar::syntax::{BinarySign, EffectLine, Expr, ExprRef, Role, SlotKind, SyntaxTree, Value};
 
 impl<'a> Rewrite<'a> {
     /// How often a name, or the rate of a state, stands in the lines of the effect.

@@ -1,7 +1,7 @@
 //! Edits of a text: nothing is written anew that was not changed.
 
-use crate::source::Span;
-use crate::syntax::{ExprRef, Role, StatementKind, SyntaxTree, value_extent};
+use fdm_grammar::source::Span;
+use fdm_grammar::syntax::{ExprRef, Role, StatementKind, SyntaxTree, value_extent};
 use std::ops::Range;
 
 /// Text for a range of bytes; an empty range is an insertion.

@@ -1,12 +1,12 @@
 //! Lines of an effect: every name declared once, every param with a null, every change possible.
 
 use super::{Check, What};
-use crate::diagnostic::{Code, Diagnostic};
-use crate::effect::names::is_reserved;
-use crate::effect::scales::{Answers, Nominal, REQUESTS};
-use crate::source::Span;
-use crate::syntax::{Declaration, EffectLine, Expr, ExprRef, Name, Role, Tunable, Value};
-use crate::unit::Unit;
+use crate::names::is_reserved;
+use crate::scales::{Answers, Nominal, REQUESTS};
+use fdm_grammar::diagnostic::{Code, Diagnostic};
+use fdm_grammar::source::Span;
+use fdm_grammar::syntax::{Declaration, EffectLine, Expr, ExprRef, Name, Role, Tunable, Value};
+use fdm_grammar::unit::Unit;
 use std::collections::{BTreeMap, HashMap};
 
 impl<'a> Check<'a> {

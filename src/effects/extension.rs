@@ -1,12 +1,12 @@
 //! A model with an effect in it: the user's text with the new lines in their place, and what they brought.
 
 use super::null::{self, Null};
-use crate::diagnostic::Diagnostic;
-use crate::model::Model;
-use crate::source::Source;
-use crate::syntax::{StatementKind, SyntaxTree, parse};
-use crate::unit::Unit;
-use crate::{Compiled, compile_tree, examine_tree};
+use fdm_grammar::diagnostic::Diagnostic;
+use fdm_grammar::model::Model;
+use fdm_grammar::source::Source;
+use fdm_grammar::syntax::{StatementKind, SyntaxTree, parse};
+use fdm_grammar::unit::Unit;
+use fdm_grammar::{Compiled, compile_tree, examine_tree};
 
 /// A parameter that an effect brings.
 #[derive(Debug, Clone)]
