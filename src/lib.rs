@@ -7,7 +7,7 @@ extern crate self as fdm;
 pub mod example;
 
 // The packages, whole: for what the names below do not cover.
-#[cfg(feature = "cli")]
+#[cfg(feature = "lsp")]
 #[doc(hidden)]
 pub use fdm_cli::language_server as lsp;
 #[cfg(feature = "cli")]
