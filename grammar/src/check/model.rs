@@ -5,8 +5,8 @@ use super::expressions::{Expressions, Indices};
 use super::kinds::Kinds;
 use super::knowledge::Knowledge;
 use super::limits;
-use super::names::{Scope, Symbol, SymbolId};
 use super::order::{Block, Blocks, Owner};
+use super::scope::{Scope, Symbol, SymbolId};
 use crate::graph::{Graph, Leaf, Node, Reference, Signal};
 use crate::model::{
     Derived, Input, Model, Origin, Output, Param, Quantity, Slope, State, Table, TableArgument, TableCalls, TableNode,
