@@ -307,27 +307,18 @@ impl<'a> ForwardSelection<'a> {
                 (step, _) => step?,
             };
             let asked = step.screening.family_wise < self.options.alpha || step.is_doubtful();
-            let comparison = match asked {
-                true => {
-                    match self.comparison(&mut step) {
-                        // what screening tells is a result
-                        Err(DiagnosisError::Stopped) => {
-                            let p = step.screening.family_wise;
-                            if end.is_none() {
-                                self.steps.push(SelectionStep {
-                                    family_wise_p: p,
-                                    ranking: step.ranking(),
-                                    accepted: None,
-                                });
-                                self.known(&mut end, &mut step, p);
-                            }
-                            end.iter_mut().for_each(End::stop);
-                            break;
-                        }
-                        comparison => Some(comparison?),
+            let comparison = match asked.then(|| self.comparison(&mut step)) {
+                // what screening tells is a result
+                Some(Err(DiagnosisError::Stopped)) => {
+                    let p = step.screening.family_wise;
+                    if end.is_none() {
+                        self.steps.push(SelectionStep { family_wise_p: p, ranking: step.ranking(), accepted: None });
+                        self.known(&mut end, &mut step, p);
                     }
+                    end.iter_mut().for_each(End::stop);
+                    break;
                 }
-                false => None,
+                comparison => comparison.transpose()?,
             };
             if moves < MOST_MOVES
                 && let Some(next) = comparison.as_ref().and_then(|c| self.elsewhere(&current, c))

@@ -102,62 +102,10 @@ pub fn tables(model: &Model, errors: &BTreeMap<String, f64>) -> Result<Tables, N
                     }
                 }
             }
-            @for (grid, id) in grids.iter().zip(&outputs) {
-                @for (k, axis) in grid.axes.iter().enumerate() {
-                    @let argument = &grid.table.arguments[k];
-                    breakpointDef name=(format!("{} of {}", argument.name, grid.table.quantity.name)) bpID=(format!("{id}_axis_{}", k + 1)) units=(units(argument.unit.as_ref())) {
-                        bpVals { (list(axis)) }
-                    }
-                }
-            }
-            @for (grid, id) in grids.iter().zip(&outputs) {
-                griddedTableDef name=(format!("{} of the model", grid.table.quantity.name)) gtID=(format!("{id}_table")) units=(units(grid.table.quantity.unit.as_ref())) {
-                    description { (grid.said()) }
-                    breakpointRefs { @for k in 0..grid.axes.len() { bpRef bpID=(format!("{id}_axis_{}", k + 1)) {} } }
-                    @if grid.errors.iter().any(|e| *e > 0.0) {
-                        (uncertainty(&html! { dataTable { (list(&grid.errors)) } }))
-                    }
-                    dataTable { (list(&grid.values)) }
-                }
-            }
-            @for (t, (grid, id)) in grids.iter().zip(&outputs).enumerate() {
-                function name=(format!("{} by its arguments", grid.table.quantity.name)) {
-                    (about(&grid.table.quantity.doc))
-                    @for (axis, input) in grid.axes.iter().zip(inputs.of_table(t)) {
-                        independentVarRef varID=(input.id) min=(number(axis[0])) max=(number(axis[axis.len() - 1])) extrapolate="neither" interpolate="linear" {}
-                    }
-                    dependentVarRef varID=(id) {}
-                    functionDefn name=(format!("{id}_function")) { griddedTableRef gtID=(format!("{id}_table")) {} }
-                }
-            }
-            checkData {
-                @for shot in 0..SHOTS {
-                    @let values = inputs.values(&grids, shot);
-                    staticShot name=(format!("case {}", shot + 1)) {
-                        checkInputs {
-                            @for (input, value) in inputs.all.iter().zip(&values) {
-                                signal {
-                                    signalName { (input.name) }
-                                    signalUnits { (units(input.unit)) }
-                                    signalValue { (number(*value)) }
-                                }
-                            }
-                        }
-                        checkOutputs {
-                            @for (t, grid) in grids.iter().enumerate() {
-                                @let at: Vec<f64> = inputs.places[t].iter().map(|k| values[*k]).collect();
-                                @let value = grid.curve(&at);
-                                signal {
-                                    signalName { (grid.table.quantity.name) }
-                                    signalUnits { (units(grid.table.quantity.unit.as_ref())) }
-                                    signalValue { (number(value)) }
-                                    tol { (number((grid.linear(&at) - value).abs() + ROUNDING * grid.size())) }
-                                }
-                            }
-                        }
-                    }
-                }
-            }
+            @for (grid, id) in grids.iter().zip(&outputs) { (grid.breakpoints(id)) }
+            @for (grid, id) in grids.iter().zip(&outputs) { (grid.definition(id)) }
+            @for (t, (grid, id)) in grids.iter().zip(&outputs).enumerate() { (grid.function(id, inputs.of_table(t))) }
+            (check_cases(&inputs, &grids))
         }
     };
     let head = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<!DOCTYPE DAVEfunc PUBLIC \"-//AIAA//DTD for Flight Dynamic Models - Functions \
@@ -167,6 +115,40 @@ pub fn tables(model: &Model, errors: &BTreeMap<String, f64>) -> Result<Tables, N
         text: format!("{head}<!-- {said} -->\n{}\n", lines(&body.into_string())),
         resampled: resampled.collect(),
     })
+}
+
+/// What the tables are at a few places, for who reads the file to compare with.
+fn check_cases(inputs: &Inputs<'_>, grids: &[Grid<'_>]) -> Markup {
+    html! {
+        checkData {
+            @for shot in 0..SHOTS {
+                @let values = inputs.values(grids, shot);
+                staticShot name=(format!("case {}", shot + 1)) {
+                    checkInputs {
+                        @for (input, value) in inputs.all.iter().zip(&values) {
+                            signal {
+                                signalName { (input.name) }
+                                signalUnits { (units(input.unit)) }
+                                signalValue { (number(*value)) }
+                            }
+                        }
+                    }
+                    checkOutputs {
+                        @for (t, grid) in grids.iter().enumerate() {
+                            @let at: Vec<f64> = inputs.places[t].iter().map(|k| values[*k]).collect();
+                            @let value = grid.curve(&at);
+                            signal {
+                                signalName { (grid.table.quantity.name) }
+                                signalUnits { (units(grid.table.quantity.unit.as_ref())) }
+                                signalValue { (number(value)) }
+                                tol { (number((grid.linear(&at) - value).abs() + ROUNDING * grid.size())) }
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
 }
 
 fn number(value: f64) -> String {
@@ -410,6 +392,43 @@ impl<'a> Grid<'a> {
             "a {} curve on a finer grid: straight lines between breakpoints err by {deviation:.1e} at most",
             self.table.method
         )
+    }
+
+    fn breakpoints(&self, id: &str) -> Markup {
+        html! {
+            @for (k, axis) in self.axes.iter().enumerate() {
+                @let argument = &self.table.arguments[k];
+                breakpointDef name=(format!("{} of {}", argument.name, self.table.quantity.name)) bpID=(format!("{id}_axis_{}", k + 1)) units=(units(argument.unit.as_ref())) {
+                    bpVals { (list(axis)) }
+                }
+            }
+        }
+    }
+
+    fn definition(&self, id: &str) -> Markup {
+        html! {
+            griddedTableDef name=(format!("{} of the model", self.table.quantity.name)) gtID=(format!("{id}_table")) units=(units(self.table.quantity.unit.as_ref())) {
+                description { (self.said()) }
+                breakpointRefs { @for k in 0..self.axes.len() { bpRef bpID=(format!("{id}_axis_{}", k + 1)) {} } }
+                @if self.errors.iter().any(|e| *e > 0.0) {
+                    (uncertainty(&html! { dataTable { (list(&self.errors)) } }))
+                }
+                dataTable { (list(&self.values)) }
+            }
+        }
+    }
+
+    fn function<'i>(&self, id: &str, inputs: impl Iterator<Item = &'i Input<'i>>) -> Markup {
+        html! {
+            function name=(format!("{} by its arguments", self.table.quantity.name)) {
+                (about(&self.table.quantity.doc))
+                @for (axis, input) in self.axes.iter().zip(inputs) {
+                    independentVarRef varID=(input.id) min=(number(axis[0])) max=(number(axis[axis.len() - 1])) extrapolate="neither" interpolate="linear" {}
+                }
+                dependentVarRef varID=(id) {}
+                functionDefn name=(format!("{id}_function")) { griddedTableRef gtID=(format!("{id}_table")) {} }
+            }
+        }
     }
 }
 

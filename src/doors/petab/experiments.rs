@@ -194,6 +194,54 @@ impl<'a> Observable<'a> {
         }
         Ok(found)
     }
+
+    /// The output that measurements of one kind read, and which parameters are numbers that each of them brings.
+    fn output(
+        &self,
+        key: &[Option<String>],
+        rows: &[Read<'_>],
+        same: &[&Group<'_>],
+        fresh: &mut dyn FnMut(&str) -> String,
+    ) -> (Output, Vec<usize>) {
+        let id = self.row.get("observableId").unwrap_or_default();
+        let told: Vec<&str> = (0..key.len())
+            .filter(|k| same.iter().any(|other| other.key[*k] != key[*k]))
+            .map(|k| key[k].as_deref().unwrap_or("number"))
+            .collect();
+        let output_name = fresh(&if told.is_empty() { id.to_string() } else { format!("{id}_{}", told.join("_")) });
+        let (mut by, mut columns, mut varying) = (BTreeMap::new(), Vec::new(), Vec::new());
+        for (k, parameter) in self.parameters.iter().enumerate() {
+            let value = match (&key[k], &rows[0].given[k]) {
+                (Some(text), _) => formula(text).unwrap_or_else(|_| name(text)),
+                (None, first @ Override::Number(v)) if rows.iter().all(|r| r.given[k] == *first) => Expr::Number(*v),
+                (None, _) => {
+                    let is_deviation = self.noise == name(parameter);
+                    let stem = if is_deviation { "sd" } else { parameter.split('_').next().unwrap_or_default() };
+                    let column = fresh(&format!("{stem}_{output_name}"));
+                    varying.push(k);
+                    columns.push(column.clone());
+                    name(&column)
+                }
+            };
+            by.insert(parameter.clone(), value);
+        }
+        let formula = self.formula.clone().with(&by);
+        let formula = match self.scale.function() {
+            // samples that nothing is compared with may be 0, and have no logarithm
+            Some(function) => Expr::Call(function, vec![Expr::Call("max", vec![formula, Expr::Number(LEAST)])]),
+            None => formula,
+        };
+        let output = Output {
+            name: output_name,
+            observable: id.into(),
+            title: self.row.get("observableName").map(String::from),
+            formula,
+            noise: self.noise.clone().with(&by),
+            scale: self.scale,
+            columns,
+        };
+        (output, varying)
+    }
 }
 
 /// The part of what measurements give that makes an output of its own: names, not numbers.
@@ -239,48 +287,8 @@ pub(crate) fn measured(
     groups.sort_by_key(|group| group.observable);
     for Group { observable: o, key, rows } in &groups {
         let Some(observable) = observables.get(*o) else { continue };
-        let id = observable.row.get("observableId").unwrap_or_default();
-        let same = || groups.iter().filter(|other| other.observable == *o);
-        let told: Vec<&str> = (0..key.len())
-            .filter(|k| same().any(|other| other.key[*k] != key[*k]))
-            .map(|k| key[k].as_deref().unwrap_or("number"))
-            .collect();
-        let wanted = if told.is_empty() { id.to_string() } else { format!("{id}_{}", told.join("_")) };
-        let output_name = fresh(&wanted);
-        let mut by = BTreeMap::new();
-        let mut columns = Vec::new();
-        let mut varying = Vec::new();
-        for (k, parameter) in observable.parameters.iter().enumerate() {
-            let value = match &key[k] {
-                Some(text) => formula(text).unwrap_or_else(|_| name(text)),
-                None => {
-                    let first = &rows[0].given[k];
-                    match first {
-                        Override::Number(v) if rows.iter().all(|r| r.given[k] == *first) => Expr::Number(*v),
-                        _ => {
-                            let is_deviation = observable.noise == name(parameter);
-                            let stem = parameter.split('_').next().unwrap_or_default();
-                            let column = if is_deviation {
-                                format!("sd_{output_name}")
-                            } else {
-                                format!("{stem}_{output_name}")
-                            };
-                            let column = fresh(&column);
-                            varying.push(k);
-                            columns.push(column.clone());
-                            name(&column)
-                        }
-                    }
-                }
-            };
-            by.insert(parameter.clone(), value);
-        }
-        let formula = observable.formula.clone().with(&by);
-        let formula = match observable.scale.function() {
-            // samples that nothing is compared with may be 0, and have no logarithm
-            Some(function) => Expr::Call(function, vec![Expr::Call("max", vec![formula, Expr::Number(LEAST)])]),
-            None => formula,
-        };
+        let same: Vec<&Group<'_>> = groups.iter().filter(|other| other.observable == *o).collect();
+        let (output, varying) = observable.output(key, rows, &same, fresh);
         let number = all.outputs.len();
         for Read { row, experiment, given } in rows {
             let brings: Vec<f64> = varying
@@ -298,15 +306,7 @@ pub(crate) fn measured(
                 Err(e) => wrong.push(e),
             }
         }
-        all.outputs.push(Output {
-            name: output_name,
-            observable: id.into(),
-            title: observable.row.get("observableName").map(String::from),
-            formula,
-            noise: observable.noise.clone().with(&by),
-            scale: observable.scale,
-            columns,
-        });
+        all.outputs.push(output);
     }
     if problem.measurements.is_empty() && wrong.is_empty() {
         wrong.push("there are no measurements".into());
