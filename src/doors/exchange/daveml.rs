@@ -7,7 +7,7 @@
 use crate::Stamp;
 use crate::xml::lines;
 use fdm_grammar::Unit;
-use fdm_grammar::model::{Table, TableNode};
+use fdm_grammar::model::{Origin, Table, TableNode};
 use fdm_system::Model;
 use fdm_system::code::Tape;
 use fdm_system::dynamics::{Dynamics, Point, Workspace};
@@ -76,7 +76,7 @@ pub fn tables(model: &Model, errors: &BTreeMap<String, f64>) -> Result<Tables, N
         definition.tables.iter().any(|t| t.nodes.iter().any(|n| matches!(n, TableNode::Param(own) if own == name)))
     };
     let constants = definition.params.iter().filter(|p| !p.is_recorded() && !nodes(&p.quantity.name));
-    let constants = constants.filter(|p| p.value.is_finite() && !p.quantity.name.ends_with("(0)"));
+    let constants = constants.filter(|p| p.value.is_finite() && !matches!(p.origin, Origin::FreeInitial(_)));
     let said = format!("Written by fdm {}; {}", env!("CARGO_PKG_VERSION"), Stamp::of(model));
     let body = html! {
         DAVEfunc xmlns="http://daveml.org/2010/DAVEML" {

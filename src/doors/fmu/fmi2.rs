@@ -1,7 +1,7 @@
 //! The functions of FMI 2.0.
 
 use crate::pointers::{put, read, text, write};
-use crate::unit::{ERROR, Logger, Logger2, Made, OK, Unit, folder};
+use crate::unit::{ERROR, Logger, Logger2, Made, OK, Unit, folder, functions};
 use fdm_exchange::fmu::Snapshot;
 use std::ffi::{c_char, c_int, c_uint, c_void};
 
@@ -29,30 +29,6 @@ pub struct EventInfo {
     values_changed: Bool,
     next_event_time_defined: Bool,
     next_event_time: f64,
-}
-
-/// Does something with an instance that a simulator holds.
-///
-/// # Safety
-/// `c` is null, or came from `fmi2Instantiate` and is not freed.
-unsafe fn with(c: *mut c_void, act: impl FnOnce(&mut Unit) -> c_int) -> c_int {
-    // SAFETY: as above
-    unsafe { c.cast::<Unit>().as_mut() }.map_or(ERROR, act)
-}
-
-/// Functions over an instance; each of the standard, with its arguments.
-macro_rules! functions {
-    ($($(#[$about:meta])* fn $name:ident($unit:ident $(, $argument:ident: $kind:ty)* $(,)?) $body:block)*) => {$(
-        $(#[$about])*
-        ///
-        /// # Safety
-        /// Pointers are those that the standard asks for.
-        #[unsafe(no_mangle)]
-        pub unsafe extern "C" fn $name(c: *mut c_void $(, $argument: $kind)*) -> c_int {
-            // SAFETY: the instance and the arguments are those that the standard asks for
-            unsafe { with(c, |$unit| $body) }
-        }
-    )*};
 }
 
 /// The platform's types.

@@ -7,33 +7,9 @@ use crate::fmi2::{
     fmi2SetContinuousStates, fmi2SetFMUstate, fmi2SetTime,
 };
 use crate::pointers::{put, read, text, write};
-use crate::unit::{ERROR, Logger, Logger3, Made, OK, Unit};
+use crate::unit::{ERROR, Logger, Logger3, Made, OK, Unit, functions};
 use std::ffi::{c_char, c_int, c_uint, c_void};
 use std::path::PathBuf;
-
-/// Does something with an instance that a simulator holds.
-///
-/// # Safety
-/// `c` is null, or came from an instantiation and is not freed.
-unsafe fn with(c: *mut c_void, act: impl FnOnce(&mut Unit) -> c_int) -> c_int {
-    // SAFETY: as above
-    unsafe { c.cast::<Unit>().as_mut() }.map_or(ERROR, act)
-}
-
-/// Functions over an instance; each of the standard, with its arguments.
-macro_rules! functions {
-    ($($(#[$about:meta])* fn $name:ident($unit:ident $(, $argument:ident: $kind:ty)* $(,)?) $body:block)*) => {$(
-        $(#[$about])*
-        ///
-        /// # Safety
-        /// Pointers are those that the standard asks for.
-        #[unsafe(no_mangle)]
-        pub unsafe extern "C" fn $name(c: *mut c_void $(, $argument: $kind)*) -> c_int {
-            // SAFETY: the instance and the arguments are those that the standard asks for
-            unsafe { with(c, |$unit| $body) }
-        }
-    )*};
-}
 
 /// Functions that are the same as in FMI 2.0.
 macro_rules! same {

@@ -73,6 +73,31 @@ impl Unit {
     }
 }
 
+/// Does something with an instance that a simulator holds.
+///
+/// # Safety
+/// `c` is null, or came from an instantiation and is not freed.
+pub(crate) unsafe fn with(c: *mut c_void, act: impl FnOnce(&mut Unit) -> c_int) -> c_int {
+    // SAFETY: as above
+    unsafe { c.cast::<Unit>().as_mut() }.map_or(ERROR, act)
+}
+
+/// Functions over an instance; each of the standard, with its arguments.
+macro_rules! functions {
+    ($($(#[$about:meta])* fn $name:ident($unit:ident $(, $argument:ident: $kind:ty)* $(,)?) $body:block)*) => {$(
+        $(#[$about])*
+        ///
+        /// # Safety
+        /// Pointers are those that the standard asks for.
+        #[unsafe(no_mangle)]
+        pub unsafe extern "C" fn $name(c: *mut c_void $(, $argument: $kind)*) -> c_int {
+            // SAFETY: the instance and the arguments are those that the standard asks for
+            unsafe { $crate::unit::with(c, |$unit| $body) }
+        }
+    )*};
+}
+pub(crate) use functions;
+
 fn model(resources: &Path, token: &str) -> Result<Instance, String> {
     let model = Resources::read(resources).and_then(|r| r.model()).map_err(|e| e.to_string())?;
     let own = fdm_exchange::Stamp::of(&model).guid();
