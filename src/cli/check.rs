@@ -5,7 +5,7 @@ use crate::effects::invalid;
 use crate::failure::{Ending, Failure, as_json, ended, print, print_lines, tell};
 use crate::load::{Estimated, ModelFile};
 use clap::Args;
-use fdm_grammar::effect::Catalogue;
+use fdm_effects::Catalogue;
 use fdm_grammar::syntax::holds_effects;
 use fdm_grammar::{Diagnostic, Source};
 use fdm_report::check_text;

@@ -5,7 +5,7 @@ use crate::failure::{Ending, Failure, as_json, did_you_mean, ended, print_colour
 use crate::load::{load_model, number};
 use crate::ownership::Overwriting;
 use clap::Args;
-use fdm_grammar::effect::{Beginning, Catalogue, Choice, Field, Kind, Nominal, Places, Scales, Subject};
+use fdm_effects::{Beginning, Catalogue, Choice, Field, Kind, Nominal, Places, Scales, Subject};
 use fdm_grammar::{Diagnostic, Source};
 use fdm_results::documents::EffectsDocument;
 use fdm_results::store::read_input_text;

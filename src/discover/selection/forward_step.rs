@@ -12,7 +12,7 @@ use crate::bins::Record;
 use crate::diagnosis::{Detectable, LeftOut, Screened};
 use crate::noise::Growth;
 use crate::screening::{Direction, Screening, ScreeningOptions};
-use fdm_grammar::effect::{Candidate, Kind};
+use fdm_effects::{Candidate, Kind};
 use fdm_grammar::syntax::Class;
 use fdm_system::record::Run;
 use std::sync::Arc;

@@ -10,7 +10,7 @@ use super::fitted_model::{FittedModel, shared_from};
 use super::initial_fit::{Thoroughness, own_fit, plain_fit};
 use super::runs::{DiagnosisOptions, Domain, GoesOn, Runs};
 use crate::bins::Signals;
-use fdm_grammar::effect::NewParam;
+use fdm_effects::NewParam;
 use fdm_grammar::model::Origin;
 use std::ops::Range;
 
