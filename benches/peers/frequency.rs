@@ -5,7 +5,7 @@ use crate::clock::{Row, median_of_runs};
 use crate::workload::{columnwise, data};
 use fdm::Model;
 use fdm::estimate::{
-    DerivedQuantities, Estimate, Noise, NormalEquations, Options, Problem, ProblemRun, Response, estimate,
+    DerivedQuantities, Estimate, Noise, NormalEquations, Options, Problem, ProblemRun, Response, Work, estimate,
 };
 use fdm::frequency::{EndTerms, FrequencyResponse, Plans};
 use fdm::linear::{LinearModel, Structure, Values};
@@ -248,7 +248,7 @@ impl Workload {
                 Prepared::Plans => problem = self.problem(1.3, &self.plans),
                 Prepared::Responses => {}
             }
-            estimate(&mut problem, &options, &mut ()).expect("the workload can be estimated")
+            estimate(&mut problem, &options, &Work::default()).expect("the workload can be estimated")
         };
         let found = solve();
         assert!(found.is_good(), "{}", found.termination);

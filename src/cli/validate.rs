@@ -58,8 +58,8 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let prepared = arguments.delivery.prepare(&model, runs)?;
     let (_writer, _) = prepared.follow(&model, None, &mut progress);
     let result = match arguments.initial_from {
-        None => fit(&model, runs, &options, &mut progress),
-        Some(length) => fit_from_beginnings(&model, runs, length, &options, &mut progress),
+        None => fit(&model, runs, &options, &progress.work()),
+        Some(length) => fit_from_beginnings(&model, runs, length, &options, &progress.work()),
     };
     progress.finish();
     let fit = result.or_failure()?;

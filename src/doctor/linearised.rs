@@ -81,7 +81,7 @@ impl<'a> Linearised<'a> {
 
     /// The record with these edits in the place of those of the fit. None where it cannot be simulated.
     pub(crate) fn trial(&self, edits: &[Edit]) -> Option<Trial> {
-        if !(self.evidence.goes_on)() {
+        if !self.evidence.work.goes_on() {
             return None;
         }
         let new = self.evidence.edited_runs(self.model, edits)?;

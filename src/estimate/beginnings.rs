@@ -1,12 +1,12 @@
 //! What is a run's own (free initial values, biases) from its first samples, and what a model predicts from there: nothing of the rest
 //! of the record enters but the inputs.
 
-use crate::observer::Observer;
 use crate::output_error::error::{FitError, StrategyError};
 use crate::output_error::fit::Fit;
 use crate::output_error::options::FitOptions;
 use crate::output_error::single::{after, changed, starts};
 use crate::time_domain::{examined, fit_from};
+use crate::work::Work;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 
@@ -21,7 +21,7 @@ pub fn initial_values(
     runs: &[Run],
     length: f64,
     options: &FitOptions,
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Vec<Vec<f64>>, FitError> {
     let mut params = model.definition().params.clone();
     params.iter_mut().filter(|p| !p.per_run).for_each(|p| p.fixed = true);
@@ -36,7 +36,7 @@ pub fn initial_values(
     for (head, start) in heads.iter().zip(&starts) {
         let options = FitOptions { bare: true, ..options.clone() }.with_declared_noise(model);
         let (runs, starts) = (std::slice::from_ref(head), std::slice::from_ref(start));
-        let fit = fit_from(&own, runs, starts, &options, observer)?;
+        let fit = fit_from(&own, runs, starts, &options, work)?;
         found.extend(after(&fit.model, runs, &fit.estimate, starts));
     }
     Ok(found)
@@ -52,16 +52,16 @@ pub fn fit_from_beginnings(
     runs: &[Run],
     length: f64,
     options: &FitOptions,
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Fit, FitError> {
     let given = changed(model, &options.changes)?;
-    let values = initial_values(&given, runs, length, options, observer)?;
+    let values = initial_values(&given, runs, length, options, work)?;
     let mut params = given.definition().params.clone();
     params.iter_mut().filter(|p| p.per_run).for_each(|p| p.fixed = true);
     let held = given.with_params(params);
     let options = options.clone().with_declared_noise(&held);
-    let fit = fit_from(&held, runs, &values, &options, observer)?;
-    examined(fit, runs, &values, &options, observer)
+    let fit = fit_from(&held, runs, &values, &options, work)?;
+    examined(fit, runs, &values, &options, work)
 }
 
 /// The samples of the first `length` of a run.

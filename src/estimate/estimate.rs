@@ -3,7 +3,6 @@
 pub use crate::uncertainty::parameters::{ParameterEstimate, Status, Symmetric};
 
 use crate::degenerate::Degeneracy;
-use crate::observer::Iteration;
 use crate::residuals::{NoiseVariation, OutputFit};
 use crate::table_nodes::TableEstimate;
 use crate::termination::Termination;
@@ -11,7 +10,7 @@ use crate::uncertainty::curvature::Curvature;
 use crate::uncertainty::identifiability::Direction;
 use crate::uncertainty::sandwich::{NoiseColour, Uncorrected};
 use crate::uncertainty::spectral_colour::SpectralColour;
-use fdm_numeric::least_squares::Fallback;
+use fdm_numeric::least_squares::{Fallback, Iteration};
 use serde::{Deserialize, Serialize};
 
 /// Measurement, response and residuals of one run.

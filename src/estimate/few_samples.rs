@@ -92,6 +92,7 @@ pub(crate) fn few_samples(fit: &Fit, runs: &[Run], thetas: &[Vec<f64>]) -> Vec<F
 mod tests {
     use crate::output_error::options::FitOptions;
     use crate::time_domain::fit;
+    use crate::work::Work;
     use fdm_system::model::Model;
     use fdm_system::record::Run;
 
@@ -106,7 +107,7 @@ mod tests {
         let (name, held, gaps) = ("r".into(), vec![false], vec![0]);
         let run =
             Run { name, inputs, held, measured, input_gaps: gaps.clone(), stated: Vec::new(), output_gaps: gaps, time };
-        fit(&model, &[run], &FitOptions::default(), &mut ()).unwrap().few_samples
+        fit(&model, &[run], &FitOptions::default(), &Work::default()).unwrap().few_samples
     }
 
     #[test]

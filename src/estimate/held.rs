@@ -7,9 +7,9 @@
 
 use crate::estimate::Estimate;
 use crate::lost_unknowns::Pin;
-use crate::observer::{Observer, Quiet};
 use crate::problem::{Options, Problem, ProblemError};
 use crate::solve::{Solved, solve};
+use crate::work::Work;
 
 /// Rounds in which what is left may turn out not to be determined either.
 const ROUNDS: usize = 3;
@@ -25,13 +25,13 @@ pub(crate) fn with_undetermined_held(
     problem: &mut Problem<'_>,
     options: &Options,
     free: Solved,
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Estimate, Vec<ProblemError>> {
     let mut best = free;
     let mut pins: Vec<Pin> = Vec::new();
     // of a bare estimation nobody reads errors, and one that was stopped has no time
-    let worthwhile = |found: &Solved, observer: &mut dyn Observer| {
-        options.colour && found.estimate.termination.is_good() && observer.stopped().is_none()
+    let worthwhile = |found: &Solved, work: &Work<'_>| {
+        options.colour && found.estimate.termination.is_good() && work.stopped().is_none()
     };
     'rounds: for _ in 0..ROUNDS {
         if !best.lost.iter().any(|l| !l.bound) {
@@ -43,11 +43,11 @@ pub(crate) fn with_undetermined_held(
         let mut sets: Vec<Vec<Pin>> = vec![of(true).collect(), of(false).collect()];
         sets.dedup();
         for new in sets.into_iter().filter(|new| !new.is_empty()) {
-            if !worthwhile(&best, observer) {
+            if !worthwhile(&best, work) {
                 break 'rounds;
             }
             let with: Vec<Pin> = pins.iter().chain(&new).copied().collect();
-            let held = solve(problem, options, None, (&with, None), &mut Quiet(observer))?;
+            let held = solve(problem, options, None, (&with, None), &work.quiet())?;
             let gained = held.estimate.cost.zip(best.estimate.cost).map_or(f64::INFINITY, |(held, free)| held - free);
             if held.estimate.termination.is_good() && gained <= WORTH * new.len() as f64 {
                 (best, pins) = (merged(held, &best), with);
@@ -58,10 +58,10 @@ pub(crate) fn with_undetermined_held(
     }
     // what only shows beside all others would take part in their errors
     let new: Vec<Pin> = best.lost.iter().filter(|l| l.shows).map(|l| l.at(l.value)).collect();
-    if !new.is_empty() && worthwhile(&best, observer) {
+    if !new.is_empty() && worthwhile(&best, work) {
         let with: Vec<Pin> = pins.iter().chain(&new).copied().collect();
         let values = best.values.clone();
-        let held = solve(problem, options, None, (&with, Some(&values)), &mut Quiet(observer))?;
+        let held = solve(problem, options, None, (&with, Some(&values)), &work.quiet())?;
         if held.estimate.termination.is_good() {
             best = merged(held, &best);
         }

@@ -7,13 +7,13 @@ use crate::estimate::Estimate;
 use crate::filter_error::{FilterError, FilterFit, fit_filter};
 use crate::frequency_responses::{ResponseError, ResponseFit, fit_responses};
 use crate::method::{Domain, Method};
-use crate::observer::{CheckpointStore, Observer};
 use crate::output_error::error::FitError;
 use crate::output_error::fit::Fit;
 use crate::output_error::options::FitOptions;
 use crate::output_error::single::changed;
 use crate::spectra::{SpectralError, SpectralFit, fit_spectra};
-use crate::time_domain::fit_kept;
+use crate::time_domain::fit;
+use crate::work::Work;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 
@@ -85,7 +85,7 @@ pub enum IdentifyError {
 }
 
 /// Identifies a model's parameters from runs by the method, domain and optimizer in the options: all that `fdm fit` does, but
-/// reading and printing. Output error in the time domain keeps its state in `checkpoints`, and goes on from what is there.
+/// reading and printing. Output error in the time domain keeps its state where the work does, and goes on from what is there.
 ///
 /// # Errors
 /// [`IdentifyError`]; an iteration that ran and went wrong is an [`Estimate`] with its [`Termination`](crate::Termination).
@@ -93,25 +93,22 @@ pub fn identify(
     model: &Model,
     runs: &[Run],
     options: &FitOptions,
-    checkpoints: Option<&dyn CheckpointStore>,
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Identified, IdentifyError> {
     let FitOptions { method, domain, .. } = *options;
     if let Some(ignored) = ignored(options, method, domain) {
         return Err(IdentifyError::Fit(FitError::Strategy(ignored)));
     }
     match (method, domain) {
-        (Method::OutputError, Domain::Time) => {
-            Ok(Identified::OutputError(Box::new(fit_kept(model, runs, options, checkpoints, observer)?)))
-        }
+        (Method::OutputError, Domain::Time) => Ok(Identified::OutputError(Box::new(fit(model, runs, options, work)?))),
         (Method::OutputError, Domain::Frequency) => {
-            Ok(Identified::Spectra(Box::new(fit_spectra(model, runs, &options.of_spectra(), observer)?)))
+            Ok(Identified::Spectra(Box::new(fit_spectra(model, runs, &options.of_spectra(), work)?)))
         }
         (Method::FilterError, Domain::Time) => {
-            Ok(Identified::FilterError(Box::new(fit_filter(model, runs, options, observer)?)))
+            Ok(Identified::FilterError(Box::new(fit_filter(model, runs, options, work)?)))
         }
         (Method::FrequencyResponse, Domain::Frequency) => {
-            Ok(Identified::FrequencyResponse(Box::new(fit_responses(model, runs, &options.of_responses(), observer)?)))
+            Ok(Identified::FrequencyResponse(Box::new(fit_responses(model, runs, &options.of_responses(), work)?)))
         }
         (Method::EquationError, _) => {
             let model = changed(model, &options.changes)?;

@@ -195,6 +195,7 @@ fn without(whole: &DMatrix<f64>, shared: usize) -> DMatrix<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::work::Work;
     use crate::{FitOptions, Noise, Options, fit};
 
     const TEXT: &str =
@@ -225,7 +226,7 @@ mod tests {
         let (told, responses) = Information::of(&model, &runs, &thetas, &[0.1, 0.2]).unwrap();
         runs.iter_mut().zip(responses).for_each(|(run, response)| run.measured = response);
         let options = Options { noise: Noise::Given(vec![Some(0.1), Some(0.2)]), ..Options::default() };
-        let fitted = fit(&model, &runs, &FitOptions { options, ..FitOptions::default() }, &mut ()).unwrap();
+        let fitted = fit(&model, &runs, &FitOptions { options, ..FitOptions::default() }, &Work::default()).unwrap();
         for (name, error) in told.names().iter().zip(told.errors()) {
             let other = fitted.estimate.parameter(name, None).unwrap().standard_error.unwrap();
             let own = error.unwrap();

@@ -8,17 +8,16 @@
 
 use crate::estimate::{Estimate, ParameterEstimate};
 use crate::input_interpolation::{EstimateMove, InputInterpolation};
-use crate::observer::{Iteration, Observer, Stop};
 use crate::output_error::fit::Fit;
 use crate::output_error::options::{FitOptions, SharedSteps};
 use crate::problem::Options;
 use crate::recovery::fallback::refit;
 use crate::residuals::autoregression::of_series;
+use crate::work::Work;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::record::even_grid::EvenGrid;
 use fdm_system::simulate::Simulator;
-use std::ops::ControlFlow;
 
 /// Standard errors that no estimate can move by, below which both ways are the same.
 const NEGLIGIBLE: f64 = 0.1;
@@ -29,17 +28,17 @@ const TOLERANCE: f64 = 1e-4;
 const SIGNIFICANT: f64 = 3.0;
 
 /// Compares both ways of every input that nobody stated, of a converged fit of plain squares; `thetas` are all parameters of each run at the
-/// estimates. Less than all where the observer ends it.
+/// estimates. Less than all where the work is to end.
 pub(crate) fn compare(
     fit: &Fit,
     runs: &[Run],
     thetas: &[Vec<f64>],
     options: &FitOptions,
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Vec<InputInterpolation> {
     let mut found = Vec::new();
     for input in unknown(&fit.model, runs) {
-        if observer.stopped().is_some() {
+        if work.stopped().is_some() {
             break;
         }
         let held = runs.iter().any(|run| run.held[input] && !run.is_stated(input));
@@ -48,8 +47,7 @@ pub(crate) fn compare(
             continue;
         }
         let name = &fit.model.definition().inputs[input].quantity.name;
-        observer
-            .doing(&format!("comparing `{name}` {}", if held { "in straight lines" } else { "held between samples" }));
+        work.doing(&format!("comparing `{name}` {}", if held { "in straight lines" } else { "held between samples" }));
         let inner = Options {
             colour: false,
             iterations: ITERATIONS,
@@ -58,7 +56,7 @@ pub(crate) fn compare(
         };
         let shared_steps = SharedSteps::of(fit.integration.clone()).provisional();
         let options = FitOptions { options: inner, shared_steps, bare: true, ..options.clone() };
-        let Ok(other) = refit(fit, &others, thetas, &options, &mut Quiet(observer)) else { continue };
+        let Ok(other) = refit(fit, &others, thetas, &options, &work.quiet()) else { continue };
         found.extend(judged(name, held, fit, &other.estimate, runs));
     }
     found
@@ -180,17 +178,4 @@ fn largest_move(now: &Estimate, other: &Estimate) -> Option<EstimateMove> {
     };
     let size = |m: &EstimateMove| m.standard_errors.abs();
     now.parameters.iter().filter_map(moved).max_by(|a, b| size(a).total_cmp(&size(b)))
-}
-
-/// Lets work be stopped, and shows nothing of it.
-struct Quiet<'o>(&'o mut dyn Observer);
-
-impl Observer for Quiet<'_> {
-    fn iteration(&mut self, _: &Iteration) -> ControlFlow<()> {
-        if self.0.stopped().is_some() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-    }
-
-    fn stopped(&mut self) -> Option<Stop> {
-        self.0.stopped()
-    }
 }

@@ -35,7 +35,6 @@ mod iteration;
 mod lost_unknowns;
 mod method;
 mod noise;
-mod observer;
 mod output_error;
 mod problem;
 mod recovery;
@@ -54,6 +53,7 @@ mod tests;
 mod time_domain;
 mod uncertainty;
 mod unknowns;
+mod work;
 
 pub use crate::residuals::OutputFit;
 pub use crate::residuals::autoregression::{AutoRegression, LevinsonDurbin};
@@ -64,7 +64,8 @@ pub use combinations::{option_names, takes_option};
 pub use degenerate::Degeneracy;
 pub use derived::{DerivedName, DerivedQuantities};
 pub use estimate::{BiasCorrection, Estimate, ParameterEstimate, RunFit, Smoothing, Status, Symmetric};
-pub use fdm_numeric::least_squares::Fallback;
+pub use fdm_numeric::halt::{Halt, Stop};
+pub use fdm_numeric::least_squares::{Fallback, Iteration};
 pub use few_samples::FewSamples;
 pub use filter_error::{FilterError, FilterFit, fit_filter};
 pub use frequency_responses::{
@@ -77,7 +78,6 @@ pub use input_interpolation::{EstimateMove, InputInterpolation};
 pub use iteration::normal_equations::{NormalEquations, NotFinite};
 pub use method::{Domain, Method, Optimizer, SmoothBy};
 pub use noise::Noise;
-pub use observer::{CheckpointStore, Iteration, Observer, StartSummary, Stop, UnknownName};
 pub use output_error::defect::FitDefect;
 pub use output_error::error::{FitError, StrategyError};
 pub use output_error::fit::{
@@ -101,10 +101,11 @@ pub use spectra::{
 };
 pub use table_nodes::{NodeEstimate, TableAxis, TableEstimate, Unvisited, unvisited};
 pub use termination::{Reason, Termination};
-pub use time_domain::{examined, fit, fit_from, fit_kept, start_search};
+pub use time_domain::{examined, fit, fit_from, start_search};
 pub use uncertainty::curvature::Curvature;
 pub use uncertainty::identifiability::Direction;
 pub use uncertainty::parameters::quantile;
 pub use uncertainty::sandwich::{NoiseColour, Uncorrected};
 pub use uncertainty::sensitivity_rows::LONG_RUN;
 pub use uncertainty::spectral_colour::SpectralColour;
+pub use work::{CheckpointStore, Observer, StartSummary, UnknownName, Work};

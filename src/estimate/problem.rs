@@ -4,8 +4,8 @@ use crate::affine::affine;
 use crate::derived::DerivedQuantities;
 use crate::method::{Optimizer, SmoothBy};
 use crate::noise::Noise;
-use crate::observer::Observer;
 use crate::residuals::NoiseVariation;
+use crate::work::Work;
 use fdm_grammar::model::{Model, Param, Prior, Table};
 use fdm_system::simulate::{Divergence, PlaneSink, Simulator, Sink};
 use fdm_system::spectrum::independent;
@@ -179,7 +179,7 @@ pub trait RegressorNoise: Send + Sync {
 /// The noise of records in time, behind the coefficients that are compared.
 pub trait NoiseInTime: Send + Sync {
     /// Whether it is of one size at `theta` (all parameters of each run); none where that cannot be told.
-    fn sizes(&self, theta: &[Vec<f64>], observer: &mut dyn Observer) -> Option<NoiseSizes>;
+    fn sizes(&self, theta: &[Vec<f64>], work: &Work<'_>) -> Option<NoiseSizes>;
 }
 
 /// How large noise is in time.

@@ -2,12 +2,12 @@
 
 use crate::changes::Changes;
 use crate::derived::DerivedQuantities;
-use crate::observer::UnknownName;
 use crate::output_error::error::FitError;
 use crate::output_error::options::FitOptions;
 use crate::output_error::single::{chosen_steps, starts};
 use crate::problem::{Problem, ProblemRun};
 use crate::unknowns::Unknowns;
+use crate::work::{UnknownName, Work};
 use fdm_grammar::model::Prior;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
@@ -45,7 +45,9 @@ impl<'a> ResidualVector<'a> {
         let starts = starts(model, runs, &Changes::default());
         let steps = match options.per_interval {
             Some(count) => vec![Steps::equal(options.scheme.unwrap_or_default(), count); runs.len()],
-            None => chosen_steps(model, runs, &starts, options, &mut ())?.into_iter().map(|a| a.steps).collect(),
+            None => {
+                chosen_steps(model, runs, &starts, options, &Work::default())?.into_iter().map(|a| a.steps).collect()
+            }
         };
         let mut prepared = Vec::with_capacity(runs.len());
         for ((run, start), steps) in runs.iter().zip(&starts).zip(steps) {
@@ -203,7 +205,8 @@ mod tests {
     fn residuals_are_those_of_the_fit_and_vanish_with_their_gradient_at_its_minimum() {
         let (model, runs) = specimen();
         let options = Options { noise: Noise::Given(vec![Some(0.1), Some(0.2)]), ..Options::default() };
-        let found = fit(&model, &runs, &FitOptions { options, ..FitOptions::default() }, &mut ()).expect("a fit");
+        let found =
+            fit(&model, &runs, &FitOptions { options, ..FitOptions::default() }, &Work::default()).expect("a fit");
         let mut vector = ResidualVector::new(&model, &runs, &[0.1, 0.2], &FitOptions::default()).expect("residuals");
         let names = vector.unknowns();
         assert_eq!((vector.len(), names.len()), (2 * (120 - 3), 1 + 2 * 2));

@@ -11,15 +11,14 @@ use crate::iteration::likelihood::{LikelihoodCost, of_parameters, space};
 use crate::iteration::priors::{PriorRow, Priors};
 use crate::method::SmoothBy;
 use crate::noise::Likelihood;
-use crate::observer::Observer;
 use crate::problem::{Options, Problem};
 use crate::uncertainty::cramer_rao::{CramerRao, conclude};
 use crate::unknowns::Unknowns;
+use crate::work::Work;
 use fdm_grammar::model::{Table, TableNode};
 use fdm_numeric::elementary::{exp, log};
-use fdm_numeric::least_squares::{GaussNewton, Iteration, Monitor, Options as StepOptions};
+use fdm_numeric::least_squares::{GaussNewton, Options as StepOptions};
 use nalgebra::DMatrix;
-use std::ops::ControlFlow;
 
 /// Most choices of weights before the last one is taken.
 const MOST_ROUNDS: usize = 40;
@@ -205,11 +204,11 @@ pub(crate) fn choose(
     unknowns: &Unknowns,
     likelihood: &Likelihood,
     options: &Options,
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Option<Chosen> {
     let model_tables = std::mem::take(&mut problem.tables);
     let smooth = SmoothTables::new(&model_tables, problem, unknowns);
-    let chosen = (!smooth.is_empty()).then(|| choose_for(&smooth, problem, unknowns, likelihood, options, observer));
+    let chosen = (!smooth.is_empty()).then(|| choose_for(&smooth, problem, unknowns, likelihood, options, work));
     drop(smooth);
     problem.tables = model_tables;
     chosen.flatten()
@@ -221,7 +220,7 @@ fn choose_for(
     unknowns: &Unknowns,
     likelihood: &Likelihood,
     options: &Options,
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Option<Chosen> {
     let mut search = Search { smooth, unknowns: unknowns.clone(), likelihood, options };
     let balance = search.balance(problem)?;
@@ -230,7 +229,7 @@ fn choose_for(
         let weights: Vec<f64> = balance.iter().enumerate().map(|(k, b)| given.get(k).copied().unwrap_or(*b)).collect();
         return Some(Chosen { weights, values, settled: true });
     }
-    observer.doing("smoothness of tables");
+    work.doing("smoothness of tables");
     let penalties: Vec<Vec<DMatrix<f64>>> =
         smooth.tables.iter().map(|t| (0..t.axes.len()).map(|axis| t.penalty(axis)).collect()).collect();
     // an estimation before this one, with other steps, has chosen them nearly
@@ -240,9 +239,9 @@ fn choose_for(
     let mut settled = false;
     for _ in 0..MOST_ROUNDS {
         // what is wrong with the last estimation it tells itself
-        let Some((bound, values)) = search.estimate(problem, &weights, observer) else { break };
+        let Some((bound, values)) = search.estimate(problem, &weights, work) else { break };
         search.unknowns.start = values;
-        if observer.stopped().is_some() {
+        if work.stopped().is_some() {
             break;
         }
         let ahead = search.ahead(&weights, &penalties, &bound);
@@ -298,12 +297,7 @@ impl Search<'_, '_> {
     }
 
     /// Bound and values of an estimation with these weights; none where there is none.
-    fn estimate(
-        &self,
-        problem: &mut Problem<'_>,
-        weights: &[f64],
-        observer: &mut dyn Observer,
-    ) -> Option<(CramerRao, Vec<f64>)> {
+    fn estimate(&self, problem: &mut Problem<'_>, weights: &[f64], work: &Work<'_>) -> Option<(CramerRao, Vec<f64>)> {
         let (unknowns, likelihood) = (&self.unknowns, self.likelihood);
         let priors = Priors::new(problem, unknowns).with(self.smooth.rows(weights));
         let logarithmic = unknowns.searched(problem);
@@ -311,7 +305,7 @@ impl Search<'_, '_> {
         let evaluator = Evaluator::new(problem, searched, likelihood.is_full());
         let cost = LikelihoodCost { evaluator, unknowns: searched, likelihood, priors: &priors };
         let mut steps = GaussNewton::new(cost, space(searched), self.steps());
-        steps.run(None, |_, _| Ok(false), &mut Quiet(observer)).ok()?;
+        steps.run(None, |_, _| Ok(false), &mut work.quiet().monitor(<[f64]>::to_vec)).ok()?;
         if logarithmic.is_some() {
             steps = of_parameters(steps, unknowns, self.steps());
         }
@@ -341,18 +335,5 @@ impl Search<'_, '_> {
             }
         }
         ahead
-    }
-}
-
-/// Estimations whose iterations are nobody's business, but can be stopped.
-struct Quiet<'o>(&'o mut dyn Observer);
-
-impl Monitor for Quiet<'_> {
-    fn iteration(&mut self, _: &Iteration, _: &[f64], _: Option<&dyn Fn() -> Vec<u8>>) -> ControlFlow<()> {
-        if self.0.stopped().is_some() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-    }
-
-    fn goes_on(&mut self) -> bool {
-        self.0.stopped().is_none()
     }
 }

@@ -4,12 +4,11 @@ use crate::degenerate::collapsed;
 use crate::estimate::{BiasCorrection, Estimate, ParameterEstimate, RunFit, Symmetric};
 use crate::held::with_undetermined_held;
 use crate::iteration::evaluation::{Evaluator, Failure, RunFailure};
-use crate::iteration::likelihood::{LikelihoodCost, Observed, of_parameters, space};
+use crate::iteration::likelihood::{LikelihoodCost, of_parameters, space};
 use crate::iteration::optimizers::approach;
 use crate::iteration::priors::Priors;
 use crate::lost_unknowns::{Lost, Pin};
 use crate::noise::Likelihood;
-use crate::observer::Observer;
 use crate::problem::{Options, Problem, ProblemError, ProblemRun};
 use crate::residuals::OutputFit;
 use crate::smoothness::{Chosen, SmoothTables, choose};
@@ -24,6 +23,7 @@ use crate::uncertainty::sandwich::{Sandwich, Uncorrected};
 use crate::uncertainty::spectra::corrected_spectra;
 use crate::uncertainty::varying_noise::{allow, allow_spectra};
 use crate::unknowns::Unknowns;
+use crate::work::Work;
 use fdm_grammar::model::TableNode;
 use fdm_numeric::least_squares::{GaussNewton, Options as StepOptions, Problem as _, Snapshot};
 use std::collections::HashSet;
@@ -36,23 +36,19 @@ use std::collections::HashSet;
 /// # Errors
 /// Everything that makes the problem impossible, at once. A start that cannot be simulated is not an error but a
 /// [`Termination`], with what is known by then.
-pub fn estimate(
-    problem: &mut Problem<'_>,
-    options: &Options,
-    observer: &mut dyn Observer,
-) -> Result<Estimate, Vec<ProblemError>> {
-    if let Some(state) = observer.resume() {
-        match estimate_from(problem, options, Some(&state), observer) {
+pub fn estimate(problem: &mut Problem<'_>, options: &Options, work: &Work<'_>) -> Result<Estimate, Vec<ProblemError>> {
+    if let Some(state) = work.resume() {
+        match estimate_from(problem, options, Some(&state), work) {
             // beginning anew gives the same result
             Err(refused) if matches!(refused[..], [ProblemError::ForeignState { .. }]) => {}
             ended => return ended,
         }
     }
-    estimate_from(problem, options, None, observer)
+    estimate_from(problem, options, None, work)
 }
 
-/// As [`estimate()`], going on from a state that [`Observer::state`] was given by an estimation of the same problem with
-/// the same options; both end with the same bits.
+/// As [`estimate()`], going on from a state that an estimation of the same problem with the same options has kept; both end with the
+/// same bits.
 ///
 /// # Errors
 /// As [`estimate()`]; and a state that this problem cannot go on from. That the state belongs to this model, these data and
@@ -61,10 +57,10 @@ pub fn estimate_from(
     problem: &mut Problem<'_>,
     options: &Options,
     resume: Option<&[u8]>,
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Estimate, Vec<ProblemError>> {
-    let free = solve(problem, options, resume, (&[], None), observer)?;
-    with_undetermined_held(problem, options, free, observer)
+    let free = solve(problem, options, resume, (&[], None), work)?;
+    with_undetermined_held(problem, options, free, work)
 }
 
 /// An estimate, and what is needed to hold what it does not determine.
@@ -85,7 +81,7 @@ pub(crate) fn solve(
     options: &Options,
     resume: Option<&[u8]>,
     (pins, from): (&[Pin], Option<&[f64]>),
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Solved, Vec<ProblemError>> {
     let mistakes = problem.mistakes(options);
     if !mistakes.is_empty() {
@@ -104,13 +100,13 @@ pub(crate) fn solve(
     let measured = problem.runs.iter().map(|r| &r.measured[..]);
     let likelihood = Likelihood::new(&options.noise, q, measured, problem.worth());
     let mut priors = Priors::new(problem, &unknowns);
-    let chosen = choose(problem, &unknowns, &likelihood, options, observer);
+    let chosen = choose(problem, &unknowns, &likelihood, options, work);
     if let Some(Chosen { weights, values, .. }) = &chosen {
         let smooth = SmoothTables::new(&problem.tables, problem, &unknowns);
         priors = priors.with(smooth.rows(weights));
         unknowns.start.clone_from(values);
     }
-    observer.begin(&|| unknowns.names(problem));
+    work.begin(&|| unknowns.names(problem));
     let logarithmic = unknowns.searched(problem);
     let searched = logarithmic.as_ref().unwrap_or(&unknowns);
     let logarithms: Vec<bool> = (0..unknowns.len()).map(|j| problem.params[unknowns.owner(j).1].logarithmic).collect();
@@ -119,10 +115,13 @@ pub(crate) fn solve(
     let Options { iterations, tolerance, gain, optimizer, .. } = *options;
     let step_options = StepOptions { iterations, tolerance, gain, ..StepOptions::default() };
     let mut steps = GaussNewton::new(cost, space(searched), step_options);
-    let mut observed = Observed { observer, unknowns: searched };
-    let end = steps.run(resume, |steps, monitor| approach(optimizer, steps, monitor), &mut observed);
-    observer.ended(steps.history.len().saturating_sub(1));
-    observer.doing("standard errors");
+    let end = steps.run(
+        resume,
+        |steps, monitor| approach(optimizer, steps, monitor),
+        &mut work.monitor(|values| searched.parameters(values)),
+    );
+    work.estimation_ended(steps.history.len().saturating_sub(1));
+    work.doing("standard errors");
     let fallbacks = steps.fallbacks();
     if logarithmic.is_some() {
         steps = of_parameters(steps, &unknowns, step_options);
@@ -130,7 +129,7 @@ pub(crate) fn solve(
     let conclusion = if end.is_ok() { conclude(&mut steps) } else { None };
     let possible = likelihood.admits(steps.weights.cost - steps.weights.beside);
     let conclusion = conclusion.filter(|_| possible);
-    let end = end.map(|summary| if possible { Termination::of(summary, observer) } else { Termination::Impossible });
+    let end = end.map(|summary| if possible { work.termination(summary) } else { Termination::Impossible });
     let GaussNewton { problem: cost, values, weights, history, .. } = steps;
     let evaluations = cost.evaluations();
     let mut responses = cost.evaluator.into_responses();
@@ -146,7 +145,7 @@ pub(crate) fn solve(
         Some(_) if !options.colour => Err(Uncorrected::NotAsked),
         Some(_) if end.as_ref().is_ok_and(Termination::is_stopped) => Err(Uncorrected::NotAsked),
         Some(conclusion) => {
-            observer.doing("standard errors for coloured residuals");
+            work.doing("standard errors for coloured residuals");
             let priors = priors.rows(&values);
             if problem.runs.iter().all(|r| r.response.known_noise().is_some()) {
                 corrected_known(problem, &unknowns, &values, conclusion, priors)
@@ -166,8 +165,8 @@ pub(crate) fn solve(
             let sandwich = Sandwich { unknowns: &unknowns, bound: conclusion };
             allow(problem, &responses, &sensitivities, &sandwich, priors, own)
         }
-        (Some(conclusion), Ok(own)) if end.as_ref().is_ok_and(Termination::is_good) && observer.stopped().is_none() => {
-            allow_spectra(problem, &unknowns, &values, conclusion, own, observer)
+        (Some(conclusion), Ok(own)) if end.as_ref().is_ok_and(Termination::is_good) && work.stopped().is_none() => {
+            allow_spectra(problem, &unknowns, &values, conclusion, own, work)
         }
         _ => Ok(Vec::new()),
     };
@@ -179,13 +178,13 @@ pub(crate) fn solve(
         }
     };
     let judged = options.colour && !bare && end.as_ref().is_ok_and(Termination::is_good);
-    let curved = match conclusion.as_ref().filter(|_| judged && observer.stopped().is_none()) {
+    let curved = match conclusion.as_ref().filter(|_| judged && work.stopped().is_none()) {
         Some(bound) => {
             let evaluator = Evaluator::new(problem, &unknowns, likelihood.is_full());
             let cost = LikelihoodCost { evaluator, unknowns: &unknowns, likelihood: &likelihood, priors: &priors };
             let corrected = corrected.as_ref().ok();
             let mut about = Neighbourhood { cost, values: &values, least: weights.cost, bound, corrected };
-            about.curved(|j| logarithms[j], observer)
+            about.curved(|j| logarithms[j], work)
         }
         None => Vec::new(),
     };

@@ -6,12 +6,12 @@
 
 use crate::doubted_initials::{DoubtedInitial, DoubtedInitials, MovedParameter};
 use crate::estimate::{ParameterEstimate, Status};
-use crate::observer::{Iteration, Observer, Stop};
 use crate::output_error::error::FitError;
 use crate::output_error::fit::Fit;
 use crate::output_error::options::{Continuation, FitOptions, SharedSteps};
 use crate::spectra::initial_conditions::with_initials;
 use crate::time_domain::fit_from;
+use crate::work::Work;
 use fdm_grammar::graph::Leaf;
 use fdm_grammar::model::{Origin, Param};
 use fdm_numeric::statistics::{Student, chi_squared_tail, normal_tail};
@@ -19,7 +19,6 @@ use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::{Block, Simulator};
 use nalgebra::{DMatrix, DVector};
-use std::ops::ControlFlow;
 
 /// Probability, over all initial values of a model together, of a remark on values that are right. Errors that allow for the colour of residuals are known
 /// to a tenth or so: what is meant to happen once in a thousand fits then happens in a few.
@@ -42,7 +41,7 @@ pub(crate) fn doubted_initials(
     runs: &[Run],
     thetas: &[Vec<f64>],
     options: &FitOptions,
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Option<DoubtedInitials>, FitError> {
     let estimate = &fit.estimate;
     let noise_free = estimate.noise_free.len() == fit.model.definition().outputs.len();
@@ -53,9 +52,9 @@ pub(crate) fn doubted_initials(
         return Ok(None);
     }
     let Some(freed) = Freed::of(fit, runs, thetas) else { return Ok(None) };
-    observer.doing("judging the stated initial values");
+    work.doing("judging the stated initial values");
     let Some(states) = freed.worth_a_fit() else { return Ok(None) };
-    if observer.stopped().is_some() {
+    if work.stopped().is_some() {
         return Ok(None);
     }
     let (model, starts) = freed.model_of(&states);
@@ -69,21 +68,8 @@ pub(crate) fn doubted_initials(
         shared_steps: SharedSteps::of(fit.integration.clone()),
         ..options.clone()
     };
-    let refit = fit_from(&model, runs, &starts, &options, &mut Quiet(observer))?;
+    let refit = fit_from(&model, runs, &starts, &options, &work.quiet())?;
     Ok(freed.told(&states, &refit))
-}
-
-/// Says when to stop, and hears nothing.
-struct Quiet<'o>(&'o mut dyn Observer);
-
-impl Observer for Quiet<'_> {
-    fn iteration(&mut self, _: &Iteration) -> ControlFlow<()> {
-        ControlFlow::Continue(())
-    }
-
-    fn stopped(&mut self) -> Option<Stop> {
-        self.0.stopped()
-    }
 }
 
 /// A fit and its model with all initial values free.

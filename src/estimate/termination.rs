@@ -1,6 +1,6 @@
 //! How an estimation ended.
 
-use crate::observer::{Observer, Stop};
+use fdm_numeric::halt::Stop;
 pub use fdm_numeric::least_squares::Reason;
 use fdm_numeric::least_squares::Summary;
 use fdm_system::simulate::EventFault;
@@ -51,7 +51,7 @@ pub enum Termination {
         /// The parameter, when the output itself is finite.
         parameter: Option<String>,
     },
-    /// The observer asked for the end.
+    /// Somebody asked for the end.
     Interrupted,
     /// The time that was given is over.
     TimeLimit,
@@ -79,14 +79,6 @@ impl Termination {
     /// Whether the work was ended from outside before it was done.
     pub fn is_stopped(&self) -> bool {
         matches!(self, Self::Interrupted | Self::TimeLimit)
-    }
-
-    /// How an iteration ended; where its observer ended it, for the reason that it gives.
-    pub(crate) fn of(summary: Summary, observer: &mut dyn Observer) -> Self {
-        match summary {
-            Summary::Interrupted => observer.stopped().map_or(Self::Interrupted, Self::from),
-            other => other.into(),
-        }
     }
 }
 

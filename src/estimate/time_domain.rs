@@ -7,7 +7,6 @@ use crate::few_samples::few_samples;
 use crate::interpolation::{compare, uncompared};
 use crate::method::{Domain, Method, SmoothBy};
 use crate::noise::Noise;
-use crate::observer::{CheckpointStore, Observer};
 use crate::output_error::cross_validation::weights_by_validation;
 use crate::output_error::error::{FitError, StrategyError};
 use crate::output_error::fit::Fit;
@@ -16,8 +15,6 @@ use crate::output_error::options::{FitOptions, SharedSteps};
 use crate::output_error::robust::mistake;
 use crate::output_error::single::{after, changed, chosen_steps, integration_faults, starts};
 use crate::problem::Options;
-use crate::recovery::budget::Budget;
-use crate::recovery::checkpoint::{CheckpointObserver, CheckpointWriter};
 use crate::recovery::completion::{completed, without_noise};
 use crate::recovery::confidence::{fit_shorter_records, refit_with_weights};
 use crate::recovery::fallback::attempt;
@@ -26,51 +23,41 @@ use crate::recovery::multi_start::{StartSearch, many_starts, unbounded};
 use crate::residuals::run_quality;
 use crate::stated_initials::doubted_initials;
 use crate::table_nodes::add_tables;
+use crate::work::Work;
+use crate::work::budget::Budget;
+use crate::work::checkpoint::{CheckpointWriter, EstimationStates};
 use fdm_grammar::model::Origin;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::Steps;
 use std::borrow::Cow;
 
-/// Fits a model to runs: all that `fdm fit` does, but reading and printing.
+/// Fits a model to runs: all that `fdm fit` does, but reading and printing. Where the work keeps its state, the same fit goes on
+/// from there.
 ///
 /// # Errors
 /// [`FitError`]; a fit that ran and went wrong is an [`Estimate`](crate::Estimate) with its [`Termination`](crate::Termination).
-pub fn fit(model: &Model, runs: &[Run], options: &FitOptions, observer: &mut dyn Observer) -> Result<Fit, FitError> {
-    fit_kept(model, runs, options, None, observer)
-}
-
-/// As [`fit()`], keeping its state with `keeper` while it works: the same fit with what was kept goes on where it was
-/// interrupted and ends with the same bits. A keeper that fails does not stop the fit.
-///
-/// # Errors
-/// As [`fit()`].
-pub fn fit_kept(
-    model: &Model,
-    runs: &[Run],
-    options: &FitOptions,
-    keeper: Option<&dyn CheckpointStore>,
-    observer: &mut dyn Observer,
-) -> Result<Fit, FitError> {
-    let Ready { given, model, runs, mut start, mut options } = Ready::of(model, runs, options, observer)?;
+pub fn fit(model: &Model, runs: &[Run], options: &FitOptions, work: &Work<'_>) -> Result<Fit, FitError> {
+    let Ready { given, model, runs, mut start, mut options } = Ready::of(model, runs, options, work)?;
     let runs = &runs[..];
-    let ledger = CheckpointWriter::new(keeper);
+    let ledger = CheckpointWriter::new(work.store());
     let (mut name, mut summaries, mut states, mut reached) = (String::from("fit"), Vec::new(), Vec::new(), None);
     if options.starts.count > 1 {
         options.shared_steps = shared_steps(&model, runs, &start, &options)?;
-        let many = many_starts((&model, &given), runs, &start, &options, &ledger, observer)?;
+        let many = many_starts((&model, &given), runs, &start, &options, &ledger, work)?;
         name = format!("fit-{}", many.number);
         (summaries, start, states, reached) = (many.summaries, many.start, many.states, many.reached);
     }
     // of two lists of states of one attempt the longer one is further on
     let kept = ledger.find(&name).states;
     states = if kept.len() > states.len() { kept } else { states };
-    let mut budget = Budget::new(observer, options.options.total);
-    let mut stages = CheckpointObserver::new(&mut budget, &ledger, name, states);
-    let found = attempt(&model, runs, &start, &options, &mut stages)
-        .and_then(|first| completed(&given, runs, (&start, reached.as_deref()), first, &options, &mut stages))
-        .and_then(|fit| unless_interpolable(fit, runs, &start, &options, &mut stages))
-        .and_then(|fit| examined(fit, runs, &start, &options, &mut stages));
+    let budget = Budget::new(work, options.options.total);
+    let states = EstimationStates::new(&ledger, name, states);
+    let work = &work.within(&budget).with_states(&states);
+    let found = attempt(&model, runs, &start, &options, work)
+        .and_then(|first| completed(&given, runs, (&start, reached.as_deref()), first, &options, work))
+        .and_then(|fit| unless_interpolable(fit, runs, &start, &options, work))
+        .and_then(|fit| examined(fit, runs, &start, &options, work));
     ledger.flush();
     let mut found = found?;
     if found.estimate.degenerate.is_empty() {
@@ -79,7 +66,7 @@ pub fn fit_kept(
     Ok(Fit { starts: summaries, ..found })
 }
 
-/// The starts of a fit, each to be attempted by itself: [`fit_kept`] goes on from what came out of them.
+/// The starts of a fit, each to be attempted by itself: [`fit()`] goes on from what came out of them.
 ///
 /// # Errors
 /// As [`fit()`].
@@ -87,9 +74,9 @@ pub fn start_search(
     model: &Model,
     runs: &[Run],
     options: &FitOptions,
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<StartSearch, FitError> {
-    let Ready { given, model, runs, start, mut options } = Ready::of(model, runs, options, observer)?;
+    let Ready { given, model, runs, start, mut options } = Ready::of(model, runs, options, work)?;
     options.shared_steps = shared_steps(&model, &runs, &start, &options)?;
     Ok(StartSearch::of((model, given), &runs, start, &options))
 }
@@ -107,7 +94,7 @@ struct Ready<'r> {
 }
 
 impl<'r> Ready<'r> {
-    fn of(model: &Model, runs: &'r [Run], options: &FitOptions, observer: &mut dyn Observer) -> Result<Self, FitError> {
+    fn of(model: &Model, runs: &'r [Run], options: &FitOptions, work: &Work<'_>) -> Result<Self, FitError> {
         if (options.method, options.domain) != (Method::OutputError, Domain::Time) {
             return Err(FitError::Method { method: options.method, domain: options.domain });
         }
@@ -119,13 +106,13 @@ impl<'r> Ready<'r> {
             return Err(FitError::Strategy(mistake));
         }
         let start = starts(&model, runs, &options.changes);
-        let known = deviations.as_ref().map(|d| without_infinite(&model, runs, &start, d, observer)).transpose()?;
+        let known = deviations.as_ref().map(|d| without_infinite(&model, runs, &start, d, work)).transpose()?;
         let runs = known.map_or(Cow::Borrowed(runs), Cow::Owned);
         if let Some(refused) = smoothing_mistake(&model, &options.options.smooth_by, runs.len()) {
             return Err(FitError::Strategy(refused));
         }
         if options.options.smooth_by == SmoothBy::Validation {
-            let weights = weights_by_validation(&model, &runs, &start, &options, observer)?;
+            let weights = weights_by_validation(&model, &runs, &start, &options, work)?;
             options.options.smooth_by = weights.map_or(SmoothBy::Likelihood, SmoothBy::Weights);
         }
         Ok(Self { given, model, runs, start, options })
@@ -155,14 +142,14 @@ pub fn fit_from(
     runs: &[Run],
     starts: &[Vec<f64>],
     options: &FitOptions,
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Fit, FitError> {
     let squares = without_noise(model);
     let deviations = deviations(model, &options.options.noise);
-    let known = deviations.as_ref().map(|d| without_infinite(&squares, runs, starts, d, observer)).transpose()?;
+    let known = deviations.as_ref().map(|d| without_infinite(&squares, runs, starts, d, work)).transpose()?;
     let runs = known.as_deref().unwrap_or(runs);
-    let first = attempt(&squares, runs, starts, options, observer)?;
-    completed(model, runs, (starts, None), first, options, observer)
+    let first = attempt(&squares, runs, starts, options, work)?;
+    completed(model, runs, (starts, None), first, options, work)
 }
 
 /// The steps that all starts have in common.
@@ -174,7 +161,7 @@ fn shared_steps(
 ) -> Result<SharedSteps, FitError> {
     match options.per_interval {
         Some(_) => Ok(SharedSteps::default()),
-        None => chosen_steps(model, runs, given, options, &mut ()).map(SharedSteps::of),
+        None => chosen_steps(model, runs, given, options, &Work::default()).map(SharedSteps::of),
     }
 }
 
@@ -187,10 +174,10 @@ pub fn examined(
     runs: &[Run],
     starts: &[Vec<f64>],
     options: &FitOptions,
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Fit, FitError> {
     if !options.bare {
-        observer.doing("judging the residuals");
+        work.doing("judging the residuals");
         let judge = |(run, result): (&Run, &RunFit)| run_quality(&fit.model, run, &result.response);
         fit.quality = runs.iter().zip(&fit.estimate.runs).flat_map(judge).collect();
     }
@@ -204,10 +191,10 @@ pub fn examined(
         // in segments the response is not that of the whole run
         if fit.estimate.termination.is_good() && fit.shooting.as_ref().is_none_or(|s| s.polished) {
             fit.few_samples = few_samples(&fit, runs, &thetas);
-            fit.doubted_initials = doubted_initials(&fit, runs, &thetas, options, observer)?;
+            fit.doubted_initials = doubted_initials(&fit, runs, &thetas, options, work)?;
             match fit.loss.is_squares() && fit.noise_of_samples.is_empty() {
                 true if options.options.colour => {
-                    fit.interpolations = compare(&fit, runs, &thetas, options, observer);
+                    fit.interpolations = compare(&fit, runs, &thetas, options, work);
                 }
                 true => {}
                 false => fit.uncompared_inputs = uncompared(&fit.model, runs),
@@ -215,13 +202,13 @@ pub fn examined(
         }
     }
     let sound = fit.estimate.termination.is_good();
-    if options.confidence && sound && observer.stopped().is_none() {
-        observer.doing("fitting shorter records");
-        fit.by_length = fit_shorter_records(&fit, runs, starts, options, observer)?;
+    if options.confidence && sound && work.stopped().is_none() {
+        work.doing("fitting shorter records");
+        fit.by_length = fit_shorter_records(&fit, runs, starts, options, work)?;
     }
-    if options.reweight && sound && observer.stopped().is_none() {
-        observer.doing("fitting with other weights");
-        fit.reweighting = refit_with_weights(&fit, runs, starts, options, observer)?;
+    if options.reweight && sound && work.stopped().is_none() {
+        work.doing("fitting with other weights");
+        fit.reweighting = refit_with_weights(&fit, runs, starts, options, work)?;
     }
     Ok(fit)
 }
@@ -232,13 +219,13 @@ impl Fit {
     ///
     /// # Errors
     /// [`FitError`], as any fit.
-    pub fn predict(&self, runs: &[Run], noise: Noise, observer: &mut dyn Observer) -> Result<Fit, FitError> {
+    pub fn predict(&self, runs: &[Run], noise: Noise, work: &Work<'_>) -> Result<Fit, FitError> {
         let params = self.model.definition().params.iter();
         let shared = params.filter(|p| !p.per_run && !p.fixed && p.origin == Origin::Declared);
         let names: Vec<String> = shared.map(|p| p.quantity.name.clone()).collect();
         let value = |name: &String| Some((name.clone(), self.estimate.parameter(name, None)?.value));
         let changes = Changes { set: names.iter().filter_map(value).collect(), fix: names, ..Changes::default() };
         let options = Options { colour: false, noise, ..Options::default() };
-        fit(&self.model, runs, &FitOptions { changes, options, ..FitOptions::default() }, observer)
+        fit(&self.model, runs, &FitOptions { changes, options, ..FitOptions::default() }, &work.unkept())
     }
 }

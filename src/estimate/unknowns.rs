@@ -3,8 +3,8 @@
 //! A search may take the logarithm of a positive parameter for its unknown ([`Unknowns::searched`]); what follows from the values
 //! that were found (standard errors, bounds) is of the parameters themselves.
 
-use crate::observer::UnknownName;
 use crate::problem::Problem;
+use crate::work::UnknownName;
 use fdm_numeric::elementary::{exp, log};
 
 /// Which entry of the vector is which parameter of which run.

@@ -8,19 +8,19 @@ use crate::estimate::{Estimate, ParameterEstimate, RunFit, Symmetric};
 use crate::interpolation::uncompared;
 use crate::method::{Domain, Method};
 use crate::noise::Weights;
-use crate::observer::Observer;
 use crate::output_error::error::FitError;
 use crate::output_error::fit::Fit;
 use crate::output_error::integration_fault::IntegrationFault;
 use crate::output_error::noise_model::{refused, without_output_noise};
 use crate::output_error::options::FitOptions;
 use crate::output_error::single::{changed, starts};
-use crate::recovery::budget::{Budget, stop};
 use crate::residuals::{OutputFit, run_quality};
 use crate::termination::Termination;
 use crate::uncertainty::cramer_rao::CramerRao;
 use crate::uncertainty::parameters::Statistics;
 use crate::uncertainty::sandwich::Uncorrected;
+use crate::work::Work;
+use crate::work::budget::Budget;
 use fdm_numeric::quadratic::Inverse;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
@@ -57,9 +57,10 @@ pub fn fit_filter(
     model: &Model,
     runs: &[Run],
     options: &FitOptions,
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<FilterFit, FilterError> {
-    let observer = &mut Budget::new(observer, options.options.total);
+    let budget = Budget::new(work, options.options.total);
+    let work = &work.unkept().within(&budget);
     let model = changed(model, &options.changes)?;
     let refused = refused(&model, &options.options.noise, Method::FilterError, Domain::Time);
     if let Some(refused) = refused.or_else(|| ignored(options, Method::FilterError, Domain::Time)) {
@@ -73,21 +74,21 @@ pub fn fit_filter(
         Some(count) => vec![Steps::equal(Scheme::RungeKutta, count); runs.len()],
         None => chosen(&setting, &values, 1)?,
     };
-    observer.begin(&|| setting.unknowns.names(&setting.problem));
+    work.begin(&|| setting.unknowns.names(&setting.problem));
     let (mut passes, mut history, mut round) = ((0, 0), Vec::new(), 0);
     loop {
         round += 1;
         let mut likelihood = setting.likelihood(&steps)?;
         let (coordinates, priors) = (setting.coordinates(&values), setting.priors());
         let start = (&values[..], options.options.iterations);
-        let mut found = match minimise(&mut likelihood, &coordinates, &priors, start, observer) {
+        let mut found = match minimise(&mut likelihood, &coordinates, &priors, start, work) {
             Ok(found) => found,
             Err(lost) => return Ok(nothing(&model, &mut setting, &values, lost)),
         };
         passes = (passes.0 + likelihood.passes.0, passes.1 + likelihood.passes.1);
         history.append(&mut found.history);
         values.clone_from(&found.values);
-        let stopped = stop(&found.termination, observer).is_some() || options.per_interval.is_some();
+        let stopped = work.stop_after(&found.termination).is_some() || options.per_interval.is_some();
         if !stopped && round < ROUNDS {
             let finer = chosen(&setting, &values, steps.first().map_or(1, Steps::most))?;
             if finer != steps {

@@ -4,11 +4,10 @@
 use super::gradient_memory::GradientMemory;
 use super::likelihood::{Coordinates, Likelihood, Lost};
 use crate::iteration::priors::Priors;
-use crate::observer::{Iteration, Observer, Stop};
 use crate::termination::Termination;
-use fdm_numeric::least_squares::{GaussNewton, Monitor, Options, Problem, Space};
+use crate::work::Work;
+use fdm_numeric::least_squares::{GaussNewton, Iteration, Options, Problem, Space};
 use fdm_numeric::quadratic::Quadratic;
-use std::ops::ControlFlow;
 
 /// Predicted gain of a full step, in units of the logarithm of the likelihood, below which none is made: the estimates are then
 /// within a thousandth of their standard errors of the minimum.
@@ -35,7 +34,7 @@ pub(super) fn minimise(
     coordinates: &Coordinates,
     priors: &Priors,
     (start, iterations): (&[f64], usize),
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Found, Lost> {
     let (start, reach) = (coordinates.inwards(start), coordinates.reach());
     let (lower, upper) = (&coordinates.lower[..], &coordinates.upper[..]);
@@ -43,13 +42,13 @@ pub(super) fn minimise(
     let options = Options { iterations, least_gain: WORTH, damping: FIRST, restarts: false, ..Options::default() };
     let problem = InnovationsCost { likelihood, coordinates, priors, memory: GradientMemory::default() };
     let mut steps = GaussNewton::new(problem, space, options);
-    let end = steps.run(None, |_, _| Ok(false), &mut Observed { observer: &mut *observer, coordinates })?;
-    observer.ended(steps.history.len().saturating_sub(1));
+    let end = steps.run(None, |_, _| Ok(false), &mut work.monitor(|point| coordinates.outwards(point)))?;
+    work.estimation_ended(steps.history.len().saturating_sub(1));
     Ok(Found {
         values: coordinates.outwards(&steps.values),
         cost: steps.cost(),
         history: steps.history,
-        termination: Termination::of(end, observer),
+        termination: work.termination(end),
     })
 }
 
@@ -112,22 +111,5 @@ impl Problem for InnovationsCost<'_, '_> {
             information[i * size + i] *= 1.0 + RIDGE;
         }
         quadratic.set(&information, &descent);
-    }
-}
-
-/// An observer, which is told values instead of coordinates.
-struct Observed<'o> {
-    observer: &'o mut dyn Observer,
-    coordinates: &'o Coordinates,
-}
-
-impl Monitor for Observed<'_> {
-    fn iteration(&mut self, iteration: &Iteration, point: &[f64], _: Option<&dyn Fn() -> Vec<u8>>) -> ControlFlow<()> {
-        self.observer.values(&self.coordinates.outwards(point));
-        self.observer.iteration(iteration)
-    }
-
-    fn goes_on(&mut self) -> bool {
-        matches!(self.observer.stopped(), None | Some(Stop::Iterations))
     }
 }

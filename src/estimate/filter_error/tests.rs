@@ -4,6 +4,7 @@ use super::likelihood::Setting;
 use crate::output_error::single::starts;
 use crate::problem::Options;
 use crate::specimen::Normal;
+use crate::work::Work;
 use crate::{Changes, FilterError, FitOptions, Noise, fit_filter};
 use fdm_system::Model;
 use fdm_system::record::Run;
@@ -107,7 +108,7 @@ fn what_a_filter_cannot_do_is_told() {
     let said = |text: &str, options: FitOptions| -> FilterError {
         let model = Model::from_text("m.fdm", text).expect("a model");
         let runs = [run("r", (20, model.layout().inputs, model.layout().outputs), 0.1, 1, 0)];
-        fit_filter(&model, &runs, &options, &mut ()).expect_err("refused")
+        fit_filter(&model, &runs, &options, &Work::default()).expect_err("refused")
     };
     let plain = "model m { state x = 1; param a = -1; der(x) = a*x; output y = x; }";
     assert_eq!(said(plain, FitOptions::default()), FilterError::NoProcessNoise);

@@ -6,13 +6,11 @@ use super::options::{ResponseError, ResponseOptions};
 use crate::derived::DerivedQuantities;
 use crate::estimate::{Estimate, ParameterEstimate};
 use crate::noise::Noise;
-use crate::observer::Observer;
 use crate::output_error::error::FitError;
 use crate::output_error::fit::Fit;
 use crate::output_error::noise_model::without_output_noise;
 use crate::output_error::single::{changed, starts};
 use crate::problem::{Problem, ProblemRun};
-use crate::recovery::budget::Budget;
 use crate::solve::estimate;
 use crate::spectra::initial_conditions::{found_later, in_time, values_of};
 use crate::spectra::response::Reason;
@@ -20,6 +18,8 @@ use crate::spectra::setting::{checked_model, seen, short_delays};
 use crate::spectra::starting_values::regressed_values;
 use crate::spectra::unobservable_modes::{longest, unobservable_modes};
 use crate::spectra::{SpectralError, StartingValue, Unanswered, UnobservableMode};
+use crate::work::Work;
+use crate::work::budget::Budget;
 use fdm_grammar::graph::Signal;
 use fdm_system::linear::{LinearModel, Recorded, Structure, Trim};
 use fdm_system::model::Model;
@@ -112,8 +112,8 @@ impl ResponseFit {
     ///
     /// # Errors
     /// [`FitError`], as any fit in the time domain.
-    pub fn predict(&self, runs: &[Run], observer: &mut dyn Observer) -> Result<Fit, FitError> {
-        in_time(&self.model, &values_of(&self.model, &self.estimate), &self.not_identifiable, runs, observer)
+    pub fn predict(&self, runs: &[Run], work: &Work<'_>) -> Result<Fit, FitError> {
+        in_time(&self.model, &values_of(&self.model, &self.estimate), &self.not_identifiable, runs, work)
     }
 }
 
@@ -125,14 +125,15 @@ pub fn fit_responses(
     model: &Model,
     runs: &[Run],
     options: &ResponseOptions,
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<ResponseFit, ResponseError> {
-    let observer = &mut Budget::new(observer, options.options.total);
+    let budget = Budget::new(work, options.options.total);
+    let work = &work.unkept().within(&budget);
     // errors are those that the coherence gives
     let model = without_output_noise(&changed(model, &options.changes).map_err(SpectralError::of)?);
     let mut setting = Setting::new(&model, runs, options)?;
     let start = starts(&model, runs, &options.changes).swap_remove(0);
-    let mut found = setting.estimated(&start, options, observer)?;
+    let mut found = setting.estimated(&start, options, work)?;
     let mut first = regressed_values(&model, runs, &setting.seen, &options.frequencies, &options.changes);
     if first.iter().any(|f| !f.equations.is_empty()) {
         // of two starts the one that ends better
@@ -140,7 +141,7 @@ pub fn fit_responses(
         for value in &first {
             model.definition().param(&value.parameter).into_iter().for_each(|k| regressed[k] = value.value);
         }
-        let other = setting.estimated(&regressed, options, observer)?;
+        let other = setting.estimated(&regressed, options, work)?;
         let rank = |e: &Estimate| (u8::from(!e.termination.is_good()), e.cost.unwrap_or(f64::INFINITY));
         if rank(&other) < rank(&found) { found = other } else { first.clear() }
     } else {
@@ -171,7 +172,7 @@ pub fn fit_responses(
         estimate: found,
     };
     if options.finish && fit.estimate.termination.is_good() && fit.unobservable.is_empty() {
-        match fit.predict(runs, observer) {
+        match fit.predict(runs, work) {
             Ok(finish) => fit.finish = Some(finish),
             Err(e) => fit.unfinished = Some(e),
         }
@@ -243,12 +244,7 @@ impl Setting {
     }
 
     /// The estimation from these values.
-    fn estimated(
-        &self,
-        start: &[f64],
-        options: &ResponseOptions,
-        observer: &mut dyn Observer,
-    ) -> Result<Estimate, ResponseError> {
+    fn estimated(&self, start: &[f64], options: &ResponseOptions, work: &Work<'_>) -> Result<Estimate, ResponseError> {
         let Self { linear, measured, pairs, plans, reason, .. } = self;
         let response = Decibels::new(linear, start, measured, pairs, plans, reason)
             .map_err(|e| ResponseError::Spectral(SpectralError::Unanswered(e)))?;
@@ -259,7 +255,7 @@ impl Setting {
         let derived = DerivedQuantities::of(self.model.definition(), self.model.dynamics());
         let mut problem = Problem::of(params, vec![name], vec![run], derived);
         let how = crate::problem::Options { noise: Noise::Diagonal, ..options.options.clone() };
-        estimate(&mut problem, &how, observer).map_err(ResponseError::Problem)
+        estimate(&mut problem, &how, work).map_err(ResponseError::Problem)
     }
 
     /// Measured and modelled responses at the estimates.

@@ -5,6 +5,7 @@ use super::decibels::{Decibels, Pair, measured_rows, weight};
 use super::measured::Measured;
 use super::*;
 use crate::problem::Response;
+use crate::work::Work;
 use fdm_system::linear::LinearModel;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
@@ -140,7 +141,7 @@ fn check(model: &Model, fit: &ResponseFit, sigmas: f64) {
 #[test]
 fn a_second_order_with_delay_is_found_from_sweeps() {
     let (model, runs) = second_order(0.05, 1);
-    let fit = fit_responses(&model, &runs, &options(&model), &mut ()).expect("a fit");
+    let fit = fit_responses(&model, &runs, &options(&model), &Work::default()).expect("a fit");
     println!("{:?} {:?}", fit.cost(), fit.segments);
     check(&model, &fit, 3.0);
     let tau = fit.estimate.parameter("tau", None).expect("a delay").value;
@@ -152,7 +153,7 @@ fn a_second_order_with_delay_is_found_from_sweeps() {
     without.changes.set.retain(|(name, _)| name != "tau");
     without.changes.set.push(("tau".into(), 0.0));
     without.changes.fix.push("tau".into());
-    let worse = fit_responses(&model, &runs, &without, &mut ()).expect("a fit");
+    let worse = fit_responses(&model, &runs, &without, &Work::default()).expect("a fit");
     println!("without {:?}", worse.cost());
     assert!(worse.cost().expect("compared") > 3.0 * cost.max(20.0), "{:?}", worse.cost());
 }
@@ -163,7 +164,7 @@ fn the_response_to_an_input_is_that_to_its_derivative_too() {
         "model m { input u; state y, z; param K = 1.5, Ts = 1.2, a1 = 2.4, a0 = 4.0, tau = 0.18 in [0, 2], c = 0.4;
         der(y) = z; der(z) = -a0*y - a1*z + delay(K*(u + Ts*der(u)), tau); output y_m = y, a_m = der(z) + c*der(u); }";
     let (model, runs) = swept(model(text), 0.05, 1);
-    let fit = fit_responses(&model, &runs, &options(&model), &mut ()).expect("a fit");
+    let fit = fit_responses(&model, &runs, &options(&model), &Work::default()).expect("a fit");
     let pairs: Vec<_> = fit.pairs.iter().map(|p| (p.output.as_str(), p.input.as_str())).collect();
     assert_eq!(pairs, [("y_m", "u"), ("a_m", "u")]);
     check(&model, &fit, 3.0);
@@ -172,7 +173,7 @@ fn the_response_to_an_input_is_that_to_its_derivative_too() {
 #[test]
 fn correlated_inputs_are_taken_apart() {
     let (model, runs) = coupled(0.05, 1);
-    let fit = fit_responses(&model, &runs, &options(&model), &mut ()).expect("a fit");
+    let fit = fit_responses(&model, &runs, &options(&model), &Work::default()).expect("a fit");
     println!("{:?} {:?}", fit.cost(), fit.segments);
     let pairs: Vec<_> = fit.pairs.iter().map(|p| (p.output.as_str(), p.input.as_str())).collect();
     assert_eq!(pairs, [("x_m", "a"), ("p_m", "a"), ("p_m", "b")], "what the model connects");
@@ -237,7 +238,7 @@ fn scatter() {
         let mut costs = 0.0;
         for seed in 1..=repeats {
             let (model, runs): (Model, Vec<Run>) = made(0.05, seed);
-            let fit = fit_responses(&model, &runs, &options(&model), &mut ()).expect("a fit");
+            let fit = fit_responses(&model, &runs, &options(&model), &Work::default()).expect("a fit");
             costs += fit.cost().unwrap_or(0.0) / repeats as f64;
             let of = |p: &fdm_grammar::model::Param| {
                 let e = fit.estimate.parameter(&p.quantity.name, None).expect("a parameter");

@@ -4,8 +4,8 @@ use super::error::FitError;
 use super::options::FitOptions;
 use super::single::{after, single_fit};
 use crate::method::SmoothBy;
-use crate::observer::Observer;
 use crate::problem::Options;
+use crate::work::Work;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::Simulator;
@@ -25,13 +25,13 @@ pub(crate) fn weights_by_validation(
     runs: &[Run],
     starts: &[Vec<f64>],
     options: &FitOptions,
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Option<Vec<f64>>, FitError> {
     let by = |smooth_by: SmoothBy| {
         let options_of = Options { smooth_by, colour: false, ..options.options.clone() };
         FitOptions { options: options_of, ..options.clone() }
     };
-    let all = single_fit(model, runs, starts, &by(SmoothBy::Likelihood), observer)?;
+    let all = single_fit(model, runs, starts, &by(SmoothBy::Likelihood), work)?;
     let likeliest: Vec<f64> = all.estimate.smoothing.iter().flat_map(|s| s.weights.iter().copied()).collect();
     let Some(noise) = all.estimate.noise.as_ref().filter(|_| !likeliest.is_empty()) else { return Ok(None) };
     let known = after(model, runs, &all.estimate, starts);
@@ -41,14 +41,14 @@ pub(crate) fn weights_by_validation(
         let weights: Vec<f64> = likeliest.iter().map(|w| w * factor).collect();
         let mut cost = 0.0;
         for part in 0..parts {
-            observer.doing("smoothness of tables by validation");
-            if observer.stopped().is_some() {
+            work.doing("smoothness of tables by validation");
+            if work.stopped().is_some() {
                 return Ok(Some(best.1));
             }
             let stays = |k: &usize| k % parts != part;
             let train: Vec<Run> = (0..runs.len()).filter(stays).map(|k| runs[k].clone()).collect();
             let begin: Vec<Vec<f64>> = (0..runs.len()).filter(stays).map(|k| known[k].clone()).collect();
-            let fit = single_fit(model, &train, &begin, &by(SmoothBy::Weights(weights.clone())), observer)?;
+            let fit = single_fit(model, &train, &begin, &by(SmoothBy::Weights(weights.clone())), work)?;
             for k in (0..runs.len()).filter(|k| !stays(k)) {
                 let theta = &after(model, &runs[k..=k], &fit.estimate, &known[k..=k])[0];
                 let Some(accuracy) = all.integration.get(k) else { continue };

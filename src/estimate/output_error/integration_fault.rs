@@ -87,6 +87,7 @@ impl fmt::Display for IntegrationFault {
 mod tests {
     use crate::output_error::options::FitOptions;
     use crate::time_domain::fit;
+    use crate::work::Work;
     use fdm_system::model::Model;
     use fdm_system::record::Run;
 
@@ -112,7 +113,8 @@ mod tests {
         measured.iter_mut().enumerate().for_each(|(k, y)| *y += rough(k));
         let run = Run { measured, ..blank };
         let found =
-            fit(&model, &[run], &FitOptions { per_interval: Some(steps), ..FitOptions::default() }, &mut ()).unwrap();
+            fit(&model, &[run], &FitOptions { per_interval: Some(steps), ..FitOptions::default() }, &Work::default())
+                .unwrap();
         (found.is_good(), found.integration_faults)
     }
 
@@ -153,7 +155,7 @@ mod tests {
             measured.iter_mut().for_each(|y| *y += 0.4 * normal.next());
             let run = Run { measured, ..blank };
             let options = FitOptions { per_interval: Some(steps), ..FitOptions::default() };
-            let found = fit(&model, &[run], &options, &mut ()).unwrap();
+            let found = fit(&model, &[run], &options, &Work::default()).unwrap();
             let a = found.estimate.parameter("a", None).unwrap();
             let off = (a.value - 0.5) / a.standard_error.unwrap();
             (off, found.is_good(), found.integration_faults)

@@ -4,20 +4,21 @@
 use super::error::{FitError, StrategyError};
 use super::fit::{Fit, NoiseOfSamples};
 use super::options::FitOptions;
-use super::single::{after, chosen_steps, goes_on, stopped};
+use super::single::{after, chosen_steps};
 use super::standardised::Standardised;
 use crate::degenerate::{Degeneracy, passes_zero, tells_no_variance};
 use crate::derived::DerivedQuantities;
 use crate::estimate::{Estimate, RunFit, Symmetric};
 use crate::method::{Domain, Method};
 use crate::noise::Noise;
-use crate::observer::Observer;
 use crate::problem::{Options, Problem, ProblemRun};
 use crate::residuals::OutputFit;
 use crate::residuals::noise_variation::{OutputSeries, test};
 use crate::solve::estimate;
 use crate::uncertainty::sandwich::NoiseColour;
+use crate::work::Work;
 use fdm_grammar::graph::{Leaf, Node, show};
+use fdm_numeric::halt::Halt;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::{Accuracy, Scheme, Simulator, StepOptions, Steps, choose_steps, integration_error};
@@ -54,7 +55,7 @@ pub(crate) fn without_infinite(
     runs: &[Run],
     starts: &[Vec<f64>],
     deviations: &[Option<usize>],
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Vec<Run>, FitError> {
     let Some(definition) = model.definition().with_precisions() else { return Ok(runs.to_vec()) };
     let (whole, q) = (model.sketched(definition), deviations.len());
@@ -74,10 +75,10 @@ pub(crate) fn without_infinite(
                 break;
             }
             y.fill(f64::NAN);
-            let running = goes_on(observer);
-            let rough = StepOptions { goes_on: &running, ..StepOptions::default() }.to(accuracy);
+            let halt = work.halt_from_here();
+            let rough = StepOptions { halt, ..StepOptions::default() }.to(accuracy);
             let chosen = choose_steps(whole.dynamics(), run, theta, &rough);
-            if !running() {
+            if !halt.is_none_or(Halt::goes_on) {
                 // such steps say nothing of the start
                 return Ok(runs.to_vec());
             }
@@ -161,14 +162,14 @@ pub(crate) fn fit_noise_model(
     places: &[Vec<Vec<f64>>],
     (first, deviations): (Fit, &[Option<usize>]),
     options: &FitOptions,
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Fit, FitError> {
     let definition = model.definition().with_precisions();
     let Some(whole) = definition.map(|definition| model.altered(definition)) else { return Ok(first) };
     let (mut best, mut refused) = (None::<Fit>, None);
     for (k, place) in places.iter().enumerate() {
         let asked = (model, &whole, deviations, options);
-        let found = from_place(asked, runs, place, &first, observer);
+        let found = from_place(asked, runs, place, &first, work);
         let ended = found.is_err() || matches!(&found, Ok(Some(fit)) if !fit.estimate.termination.is_stopped());
         match found {
             Ok(Some(fit)) => {
@@ -178,7 +179,7 @@ pub(crate) fn fit_noise_model(
             Ok(None) => {}
             Err(error) => refused = Some(error),
         }
-        let Some(stop) = stopped(observer) else { continue };
+        let Some(stop) = work.halted() else { continue };
         // places are left that may be better, this one too, or there is no better estimate than the first
         let unfinished = !ended || k + 1 < places.len() || best.is_none();
         let mut so_far = best.unwrap_or(first);
@@ -200,22 +201,22 @@ fn from_place(
     runs: &[Run],
     place: &[Vec<f64>],
     first: &Fit,
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Option<Fit>, FitError> {
     let mut starts = place.to_vec();
-    let was_stopped = stopped(observer).is_some();
-    let integration = steps(whole, runs, &starts, options, observer)?;
-    if stopped(observer).is_some() && !was_stopped {
+    let was_stopped = work.halted().is_some();
+    let integration = steps(whole, runs, &starts, options, work)?;
+    if work.halted().is_some() && !was_stopped {
         return Ok(None);
     }
     let fitting = Fitting { model, whole, runs, deviations, integration: &integration, options };
     // what stands in the noise alone first: its start values know nothing of the residuals
     let only = model.definition().only_in_output_noise();
     if only.iter().zip(&model.definition().params).any(|(only, p)| *only && !p.fixed) {
-        let noise = fitting.estimate(&starts, |k| only[k], observer)?;
+        let noise = fitting.estimate(&starts, |k| only[k], work)?;
         starts = after(model, runs, &noise, &starts);
     }
-    let found = fitting.estimate(&starts, |_| true, observer)?;
+    let found = fitting.estimate(&starts, |_| true, work)?;
     let reached = after(model, runs, &found, &starts);
     let (mut estimate, samples) = fitting.told(found, &reached)?;
     estimate.degenerate = fitting.degenerate(&estimate, &reached)?;
@@ -233,9 +234,9 @@ fn steps(
     runs: &[Run],
     starts: &[Vec<f64>],
     options: &FitOptions,
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Vec<Accuracy>, FitError> {
-    let Some(per_interval) = options.per_interval else { return chosen_steps(whole, runs, starts, options, observer) };
+    let Some(per_interval) = options.per_interval else { return chosen_steps(whole, runs, starts, options, work) };
     let steps = Steps::equal(options.scheme.unwrap_or_default(), per_interval);
     let one = |(run, theta): (&Run, &Vec<f64>)| {
         let error = integration_error(whole.dynamics(), run, theta, steps.clone());
@@ -268,7 +269,7 @@ impl Fitting<'_> {
         &self,
         starts: &[Vec<f64>],
         open: impl Fn(usize) -> bool,
-        observer: &mut dyn Observer,
+        work: &Work<'_>,
     ) -> Result<Estimate, FitError> {
         let mut prepared = Vec::with_capacity(self.runs.len());
         for (r, theta) in starts.iter().enumerate() {
@@ -298,7 +299,7 @@ impl Fitting<'_> {
             _ => Some(1.0),
         };
         let options = Options { noise: Noise::Given(shown.iter().map(unit).collect()), ..self.options.options.clone() };
-        estimate(&mut problem, &options, observer).map_err(FitError::Problem)
+        estimate(&mut problem, &options, work).map_err(FitError::Problem)
     }
 
     /// Why the likelihood has no maximum at an estimate, if it has none.

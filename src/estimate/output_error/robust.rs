@@ -13,11 +13,11 @@ use super::single::after;
 use crate::derived::DerivedQuantities;
 use crate::estimate::{Estimate, ParameterEstimate, RunFit};
 use crate::noise::Noise;
-use crate::observer::Observer;
 use crate::problem::{Options, Problem, ProblemRun};
 use crate::residuals::OutputFit;
 use crate::solve::estimate;
 use crate::termination::Termination;
+use crate::work::Work;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::Simulator;
@@ -42,7 +42,7 @@ pub(crate) fn fit_robust(
     starts: &[Vec<f64>],
     first: Fit,
     options: &FitOptions,
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Fit, FitError> {
     let loss = options.loss;
     let q = model.definition().outputs.len();
@@ -66,7 +66,7 @@ pub(crate) fn fit_robust(
         let from = after(model, runs, &fit.estimate, starts);
         let fitting = Fitting { model, runs, starts: &from, fit: &fit };
         let plain = Options { noise: Noise::Diagonal, colour: false, ..options.options.clone() };
-        let mut found = fitting.estimate(&values, &plain, observer)?;
+        let mut found = fitting.estimate(&values, &plain, work)?;
         if !found.termination.is_good() {
             fit.estimate = with_own(found, runs, (loss, &scales), q);
             return Ok(fit);
@@ -76,7 +76,7 @@ pub(crate) fn fit_robust(
         if settled || last {
             // once more with everything that is told of a result
             let full = Options { noise: Noise::Diagonal, ..options.options.clone() };
-            found = fitting.estimate(&values, &full, observer)?;
+            found = fitting.estimate(&values, &full, work)?;
             if !settled {
                 found.termination = Termination::IterationLimit;
             }
@@ -112,12 +112,7 @@ struct Fitting<'f> {
 
 impl Fitting<'_> {
     /// Squares of pseudo-values (N by q for each run).
-    fn estimate(
-        &self,
-        values: &[Vec<f64>],
-        options: &Options,
-        observer: &mut dyn Observer,
-    ) -> Result<Estimate, FitError> {
+    fn estimate(&self, values: &[Vec<f64>], options: &Options, work: &Work<'_>) -> Result<Estimate, FitError> {
         let mut prepared = Vec::with_capacity(self.runs.len());
         for (r, (run, theta)) in self.runs.iter().zip(self.starts).enumerate() {
             let steps = self.fit.integration[r].steps.clone();
@@ -132,7 +127,7 @@ impl Fitting<'_> {
         if let Some(first) = self.starts.first() {
             problem.params.iter_mut().zip(first).filter(|(p, _)| !p.per_run).for_each(|(p, v)| p.value = *v);
         }
-        estimate(&mut problem, options, observer).map_err(FitError::Problem)
+        estimate(&mut problem, options, work).map_err(FitError::Problem)
     }
 }
 

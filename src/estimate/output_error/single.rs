@@ -6,21 +6,19 @@ use crate::changes::Changes;
 use crate::derived::DerivedQuantities;
 use crate::estimate::{Estimate, RunFit};
 use crate::initial::initial_guess;
-use crate::observer::{Observer, Stop};
 use crate::output_error::error::FitError;
 use crate::output_error::fit::Fit;
 use crate::output_error::integration_fault::{IntegrationFault, is_moving};
 use crate::output_error::options::FitOptions;
 use crate::problem::{Problem, ProblemRun};
-use crate::recovery::budget::stop;
 use crate::solve::estimate;
+use crate::work::Work;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::{
     Accuracy, SOUND, Scheme, Simulator, StepOptions, Steps, UNSOUND, choose_steps, error_of, integration_error,
     output_range, worst_errors,
 };
-use std::cell::RefCell;
 
 /// Start values of all parameters (p) for each run; free initial values from the data unless they were set by hand.
 pub fn starts(model: &Model, runs: &[Run], changes: &Changes) -> Vec<Vec<f64>> {
@@ -80,24 +78,24 @@ pub(crate) fn single_fit(
     runs: &[Run],
     starts: &[Vec<f64>],
     options: &FitOptions,
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Fit, FitError> {
     let mut starts = starts.to_vec();
-    let was_stopped = stopped(observer).is_some();
+    let was_stopped = work.halted().is_some();
     let mut steps = match options.per_interval {
         Some(per_interval) => vec![Steps::equal(options.scheme.unwrap_or_default(), per_interval); runs.len()],
         None => match options.shared_steps.steps(model, runs, &starts) {
             Some(steps) => steps,
-            None => chosen_steps(model, runs, &starts, options, observer)?.into_iter().map(|a| a.steps).collect(),
+            None => chosen_steps(model, runs, &starts, options, work)?.into_iter().map(|a| a.steps).collect(),
         },
     };
     // what ends the choice of the steps leaves the start values with rough ones, which may be unable to follow the model
-    let cut = stopped(observer).filter(|_| !was_stopped);
+    let cut = work.halted().filter(|_| !was_stopped);
     let (mut round, coarse) = (1, options.shared_steps.coarse(options.accuracy));
     let mut before: Option<Fit> = None;
     loop {
         let smoothness = before.as_ref().map_or(Vec::new(), |fit| weights(&fit.estimate));
-        let mut estimate = correct(model, runs, (&starts, smoothness), &steps, options, observer)?;
+        let mut estimate = correct(model, runs, (&starts, smoothness), &steps, options, work)?;
         // what these steps cannot follow leaves the result of those before, whose integration error says what it is worth
         if let Some(fit) = before.filter(|_| estimate.cost.is_none()) {
             return Ok(fit);
@@ -115,17 +113,17 @@ pub(crate) fn single_fit(
         let lost = options.shared_steps.is_provisional() && !estimate.termination.is_good();
         let fine = lost || integration.iter().all(|a| a.error <= coarse);
         let done = fine || estimate.runs.is_empty() || options.per_interval.is_some() || round == MOST_ROUNDS;
-        let last = done || stop(&estimate.termination, observer).is_some();
+        let last = done || work.stop_after(&estimate.termination).is_some();
         let finer = if last {
             steps.clone()
         } else {
-            let chosen = chosen_again(model, runs, &reached, (options, round >= EXPLICIT_ROUNDS), observer)?;
+            let chosen = chosen_again(model, runs, &reached, (options, round >= EXPLICIT_ROUNDS), work)?;
             finer(&steps, &integration, chosen, coarse)
         };
         // where halving does not help there are kinks, or a response on the edge of divergence
         if finer == steps {
             // what ends the work before steps as fine as was promised leaves the best so far
-            if let Some(stop) = stopped(observer).filter(|_| !done && estimate.termination.is_good()) {
+            if let Some(stop) = work.halted().filter(|_| !done && estimate.termination.is_good()) {
                 estimate.termination = stop.into();
             }
             return Ok(Fit::new(model.clone(), estimate, integration));
@@ -156,15 +154,14 @@ fn chosen_again(
     runs: &[Run],
     reached: &[Vec<f64>],
     (options, implicit): (&FitOptions, bool),
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Vec<Accuracy>, FitError> {
-    let mut chosen = chosen_steps(model, runs, reached, options, observer)?;
+    let mut chosen = chosen_steps(model, runs, reached, options, work)?;
     if !implicit || options.scheme.is_some() {
         return Ok(chosen);
     }
     let coarse = options.shared_steps.coarse(options.accuracy);
-    let goes_on = goes_on(observer);
-    let radau = StepOptions { scheme: Some(Scheme::Radau), goes_on: &goes_on, ..StepOptions::default() };
+    let radau = StepOptions { scheme: Some(Scheme::Radau), halt: work.halt_from_here(), ..StepOptions::default() };
     for ((run, theta), chosen) in runs.iter().zip(reached).zip(&mut chosen) {
         // a model that it does not suit keeps what it has
         if let Ok(stable) = choose_steps(model.dynamics(), run, theta, &radau.to(options.accuracy))
@@ -183,28 +180,15 @@ pub(crate) fn chosen_steps(
     runs: &[Run],
     starts: &[Vec<f64>],
     options: &FitOptions,
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Vec<Accuracy>, FitError> {
-    let goes_on = goes_on(observer);
+    let halt = work.halt_from_here();
     let steps = |(run, theta): (&Run, &Vec<f64>)| {
-        let chosen = StepOptions { scheme: options.scheme, goes_on: &goes_on, ..StepOptions::default() };
+        let chosen = StepOptions { scheme: options.scheme, halt, ..StepOptions::default() };
         let chosen = choose_steps(model.dynamics(), run, theta, &chosen.to(options.accuracy));
         chosen.map_err(|e| FitError::unsuited(run, e))
     };
     runs.iter().zip(starts).map(steps).collect()
-}
-
-/// Whether work goes on that is asked often: until something stops it. What has stopped before does not, since then the values that were
-/// reached are still to be judged.
-pub(crate) fn goes_on<'o>(observer: &'o mut dyn Observer) -> impl Fn() -> bool + 'o {
-    let was_stopped = stopped(observer).is_some();
-    let observer = RefCell::new(observer);
-    move || was_stopped || stopped(&mut **observer.borrow_mut()).is_none()
-}
-
-/// Why the work is to end, other than by the number of its iterations.
-pub(crate) fn stopped(observer: &mut dyn Observer) -> Option<Stop> {
-    observer.stopped().filter(|stop| *stop != Stop::Iterations)
 }
 
 /// Runs the iteration once.
@@ -214,7 +198,7 @@ fn correct(
     (starts, smoothness): (&[Vec<f64>], Vec<f64>),
     steps: &[Steps],
     options: &FitOptions,
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Estimate, FitError> {
     let mut prepared = Vec::with_capacity(runs.len());
     for ((run, theta), steps) in runs.iter().zip(starts).zip(steps) {
@@ -230,7 +214,7 @@ fn correct(
         // shared parameters go on from where a round before left them
         problem.params.iter_mut().zip(first).filter(|(p, _)| !p.per_run).for_each(|(p, v)| p.value = *v);
     }
-    estimate(&mut problem, &options.options, observer).map_err(FitError::Problem)
+    estimate(&mut problem, &options.options, work).map_err(FitError::Problem)
 }
 
 /// Steps in use and their error at the estimates, whose responses are known.

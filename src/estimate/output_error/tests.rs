@@ -1,6 +1,7 @@
 //! Noise models and robust losses: gradients against differences, minima against the likelihood written out, intervals against the truth.
 
 use crate::specimen::Normal;
+use crate::work::Work;
 use crate::{Fit, FitError, FitOptions, Loss, Noise, Optimizer, Options, StrategyError, fit};
 use fdm_system::Model;
 use fdm_system::record::Run;
@@ -36,7 +37,7 @@ fn model(noise: &str) -> Model {
 }
 
 fn fitted(noise: &str, run: &Run, options: FitOptions) -> Fit {
-    fit(&model(noise), std::slice::from_ref(run), &options, &mut ()).unwrap_or_else(|e| panic!("{e}"))
+    fit(&model(noise), std::slice::from_ref(run), &options, &Work::default()).unwrap_or_else(|e| panic!("{e}"))
 }
 
 fn value(fit: &Fit, name: &str) -> f64 {
@@ -142,7 +143,7 @@ fn deviations_of_a_stiff_model_are_judged_by_steps_that_follow_it() {
         time,
     };
     let options = FitOptions { options: Options { iterations: 0, ..Options::default() }, ..FitOptions::default() };
-    let judged = fit(&model, std::slice::from_ref(&run), &options, &mut ()).unwrap_or_else(|e| panic!("{e}"));
+    let judged = fit(&model, std::slice::from_ref(&run), &options, &Work::default()).unwrap_or_else(|e| panic!("{e}"));
     let density = |(z, y): (&f64, f64)| {
         let deviation = 0.1 * y;
         -0.5 * ((z - y) / deviation).powi(2) - deviation.ln() - 0.5 * std::f64::consts::TAU.ln()
@@ -160,14 +161,15 @@ fn noise_of_one_size_can_be_asked_for_and_other_methods_refuse() {
     assert!(fit.noise_of_samples.is_empty() && fit.estimate.is_good());
     assert_eq!(value(&fit, "g"), 0.05, "held");
     let robust = FitOptions { loss: Loss::Huber(1.345), ..FitOptions::default() };
-    let refused =
-        crate::fit(&model("noise y = g*abs(y);"), std::slice::from_ref(&run), &robust, &mut ()).expect_err("both");
+    let refused = crate::fit(&model("noise y = g*abs(y);"), std::slice::from_ref(&run), &robust, &Work::default())
+        .expect_err("both");
     assert_eq!(refused, FitError::Strategy(StrategyError::LossOfNoiseModel));
     // shorter records and other weights are of noise of one size
     let confident = FitOptions { confidence: true, ..FitOptions::default() };
     let reweighted = FitOptions { reweight: true, loss: Loss::Huber(1.345), ..FitOptions::default() };
     for (text, options) in [("noise y = g*abs(y);", confident), ("", reweighted)] {
-        let refused = crate::fit(&model(text), std::slice::from_ref(&run), &options, &mut ()).expect_err("refused");
+        let refused =
+            crate::fit(&model(text), std::slice::from_ref(&run), &options, &Work::default()).expect_err("refused");
         assert_eq!(refused, FitError::Strategy(StrategyError::ConfidenceOfOwnNoise));
     }
 }
@@ -180,7 +182,7 @@ fn held(repeats: u64, noise: &str, loss: Loss, made: impl Fn(f64, &mut Normal) -
         let mut normal = Normal(29 + 7919 * seed);
         let run = record(100, &mut |_, y| made(y, &mut normal));
         let options = FitOptions { loss, per_interval: Some(2), ..FitOptions::default() };
-        let fit = fit(&model, std::slice::from_ref(&run), &options, &mut ()).unwrap_or_else(|e| panic!("{e}"));
+        let fit = fit(&model, std::slice::from_ref(&run), &options, &Work::default()).unwrap_or_else(|e| panic!("{e}"));
         assert!(fit.estimate.is_good(), "{:?}", fit.estimate.termination);
         for (name, truth) in [("a", 0.6), ("x0", 5.0)] {
             let [low, high] = fit.estimate.parameter(name, None).and_then(|p| p.interval()).expect("an interval");

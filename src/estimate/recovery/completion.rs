@@ -1,6 +1,5 @@
 //! What follows a fit by squares and noise of one size: the noise that the model states, or the loss that was asked for.
 
-use crate::observer::Observer;
 use crate::output_error::error::FitError;
 use crate::output_error::fit::Fit;
 use crate::output_error::noise_model::{deviations, fit_noise_model};
@@ -8,6 +7,7 @@ use crate::output_error::options::FitOptions;
 use crate::output_error::robust::fit_robust;
 use crate::output_error::single::after;
 use crate::termination::Termination;
+use crate::work::Work;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 
@@ -22,7 +22,7 @@ pub(crate) fn completed(
     (starts, reached): (&[Vec<f64>], Option<&[Vec<f64>]>),
     first: Fit,
     options: &FitOptions,
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Fit, FitError> {
     let end = &first.estimate.termination;
     let Some(deviations) = deviations(model, &options.options.noise).filter(|_| !end.is_stopped()) else {
@@ -30,7 +30,7 @@ pub(crate) fn completed(
         let only_judged = options.options.iterations == 0 && matches!(end, Termination::IterationLimit);
         return match options.loss.is_squares() || !end.is_good() && !only_judged {
             true => Ok(first),
-            false => fit_robust(&without_noise(model), runs, starts, first, options, observer),
+            false => fit_robust(&without_noise(model), runs, starts, first, options, work),
         };
     };
     let mut places: Vec<Vec<Vec<f64>>> = Vec::new();
@@ -42,7 +42,7 @@ pub(crate) fn completed(
             places.push(starts.to_vec());
         }
     }
-    fit_noise_model(&without_process_noise(model), runs, &places, (first, &deviations), options, observer)
+    fit_noise_model(&without_process_noise(model), runs, &places, (first, &deviations), options, work)
 }
 
 /// The model with the parameters of noises held: they move no response, so that squares of residuals say nothing of them.

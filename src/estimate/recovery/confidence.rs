@@ -4,15 +4,14 @@
 
 use crate::estimate::ParameterEstimate;
 use crate::noise::Noise;
-use crate::observer::Observer;
 use crate::output_error::error::FitError;
 use crate::output_error::fit::{Fit, LengthFit, Reweighting, Variation, Weight};
 use crate::output_error::options::FitOptions;
 use crate::output_error::single::after;
 use crate::problem::Options;
-use crate::recovery::budget::stop;
 use crate::recovery::continuation::Length;
 use crate::recovery::fallback::refit;
+use crate::work::Work;
 use fdm_system::record::Run;
 use serde::{Deserialize, Serialize};
 
@@ -26,7 +25,7 @@ pub(crate) fn fit_shorter_records(
     runs: &[Run],
     starts: &[Vec<f64>],
     options: &FitOptions,
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Vec<LengthFit>, FitError> {
     let mut found = vec![LengthFit::new(runs, fit)];
     let mut starts = after(&fit.model, runs, &fit.estimate, starts);
@@ -38,8 +37,8 @@ pub(crate) fn fit_shorter_records(
         if cells <= found[0].parameters.len() {
             break;
         }
-        let shorter = refit(fit, &parts, &starts, options, observer)?;
-        if stop(&shorter.estimate.termination, observer).is_some() || shorter.estimate.cost.is_none() {
+        let shorter = refit(fit, &parts, &starts, options, work)?;
+        if work.stop_after(&shorter.estimate.termination).is_some() || shorter.estimate.cost.is_none() {
             break;
         }
         found.push(LengthFit::new(&parts, &shorter));
@@ -107,7 +106,7 @@ pub(crate) fn refit_with_weights(
     runs: &[Run],
     starts: &[Vec<f64>],
     options: &FitOptions,
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Option<Reweighting>, FitError> {
     let Some(noise) = fit.estimate.noise.as_ref().filter(|_| fit.estimate.noise_free.is_empty()) else {
         return Ok(None);
@@ -119,9 +118,9 @@ pub(crate) fn refit_with_weights(
     let deviations: Vec<Option<f64>> =
         (0..q).map(|o| Some(noise.at(o, o).sqrt()).filter(|s| *s > 0.0 && s.is_finite())).collect();
     let starts = after(&fit.model, runs, &fit.estimate, starts);
-    let mut with = |deviations: &[Option<f64>], runs: &[Run]| {
+    let with = |deviations: &[Option<f64>], runs: &[Run]| {
         let options = Options { noise: Noise::Given(deviations.to_vec()), colour: false, ..options.options.clone() };
-        refit(fit, runs, &starts, &FitOptions { options, ..FitOptions::default() }, observer)
+        refit(fit, runs, &starts, &FitOptions { options, ..FitOptions::default() }, work)
     };
     let base = with(&deviations, runs)?;
     let known = |p: &&ParameterEstimate| p.start.is_some() && p.standard_error.is_some();

@@ -4,16 +4,16 @@
 //! What a short record does not determine is pulled weakly towards the start values, so that it does not fly away
 //! before the record is long enough; the whole record is fitted without that.
 
-use crate::observer::{Observer, Stop};
 use crate::output_error::defect::trouble;
 use crate::output_error::error::FitError;
 use crate::output_error::fit::{Fit, LengthFit};
 use crate::output_error::options::{Continuation, FitOptions};
 use crate::output_error::single::{after, single_fit};
 use crate::problem::Options;
-use crate::recovery::budget::{Halted, stop};
 use crate::recovery::free_response::FreeResponse;
+use crate::work::Work;
 use fdm_grammar::model::{Origin, Prior};
+use fdm_numeric::halt::Stop;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 
@@ -74,34 +74,25 @@ pub(crate) struct LengthContinuation<'a> {
 
 impl LengthContinuation<'_> {
     /// Fits the given lengths one after the other, then the whole record, whatever becomes of each.
-    pub(crate) fn along(
-        &mut self,
-        lengths: &[Length],
-        starts: &[Vec<f64>],
-        observer: &mut dyn Observer,
-    ) -> Result<Fit, FitError> {
+    pub(crate) fn along(&mut self, lengths: &[Length], starts: &[Vec<f64>], work: &Work<'_>) -> Result<Fit, FitError> {
         let mut starts = starts.to_vec();
         for length in lengths {
             let short = length.cut(self.runs);
             if short.iter().zip(self.runs).all(|(a, b)| a.len() == b.len()) {
                 break;
             }
-            let fit = self.short(&short, &starts, observer)?;
+            let fit = self.short(&short, &starts, work)?;
             starts = after(self.model, self.runs, &fit.estimate, &starts);
-            if let Some(stop) = stop(&fit.estimate.termination, observer) {
-                return self.whole(&starts, &mut Halted(stop));
+            if let Some(stop) = work.stop_after(&fit.estimate.termination) {
+                return self.whole(&starts, &Work::ended(stop));
             }
         }
-        self.whole(&starts, observer)
+        self.whole(&starts, work)
     }
 
     /// Finds the lengths: begins with the shortest record that determines anything, goes on by a factor that shrinks when
     /// the next record is too long for the values of the one before. None when there is no way on.
-    pub(crate) fn adaptive(
-        &mut self,
-        starts: &[Vec<f64>],
-        observer: &mut dyn Observer,
-    ) -> Result<Option<Fit>, FitError> {
+    pub(crate) fn adaptive(&mut self, starts: &[Vec<f64>], work: &Work<'_>) -> Result<Option<Fit>, FitError> {
         let (mut starts, mut growth, mut matched) = (starts.to_vec(), GROWTH, false);
         let (mut reached, mut next) = (0.0, self.shortest());
         if next <= 0.0 {
@@ -109,16 +100,16 @@ impl LengthContinuation<'_> {
             return Ok(None);
         }
         while next < 1.0 {
-            let fit = self.short(&Length::Share(next).cut(self.runs), &starts, observer)?;
-            if let Some(stop) = stop(&fit.estimate.termination, observer) {
+            let fit = self.short(&Length::Share(next).cut(self.runs), &starts, work)?;
+            if let Some(stop) = work.stop_after(&fit.estimate.termination) {
                 // how it fits the short record says nothing about the whole one
                 let reached = after(self.model, self.runs, &fit.estimate, &starts);
-                return self.whole(&reached, &mut Halted(stop)).map(Some);
+                return self.whole(&reached, &Work::ended(stop)).map(Some);
             }
             let poor = trouble(&fit.estimate).is_some_and(|t| t.is_severe());
             if !poor && let Some(found) = self.unstable(&fit, &starts, next) {
                 let reached = after(self.model, self.runs, &fit.estimate, &starts);
-                let mut fit = self.whole(&reached, &mut Halted(Stop::Iterations))?;
+                let mut fit = self.whole(&reached, &Work::ended(Stop::Iterations))?;
                 fit.estimate.termination = found.termination();
                 return Ok(Some(fit));
             }
@@ -139,7 +130,7 @@ impl LengthContinuation<'_> {
             }
             next = reached * growth;
         }
-        self.whole(&starts, observer).map(Some)
+        self.whole(&starts, work).map(Some)
     }
 
     /// The mode by which the response is surely lost over the whole record, at the estimates of this share of it.
@@ -167,7 +158,7 @@ impl LengthContinuation<'_> {
     }
 
     /// Fits a record that is not the whole one, weakly pulled towards its start values.
-    fn short(&mut self, runs: &[Run], starts: &[Vec<f64>], observer: &mut dyn Observer) -> Result<Fit, FitError> {
+    fn short(&mut self, runs: &[Run], starts: &[Vec<f64>], work: &Work<'_>) -> Result<Fit, FitError> {
         let model = pulled(self.model, starts);
         let given = &self.options.options;
         let options = Options {
@@ -177,13 +168,13 @@ impl LengthContinuation<'_> {
             ..given.clone()
         };
         let options = FitOptions { options, ..self.options.clone() };
-        let fit = single_fit(&model, runs, starts, &options, observer)?;
+        let fit = single_fit(&model, runs, starts, &options, work)?;
         self.stages.push(LengthFit::new(runs, &fit));
         Ok(fit)
     }
 
-    fn whole(&mut self, starts: &[Vec<f64>], observer: &mut dyn Observer) -> Result<Fit, FitError> {
-        let fit = single_fit(self.model, self.runs, starts, self.options, observer)?;
+    fn whole(&mut self, starts: &[Vec<f64>], work: &Work<'_>) -> Result<Fit, FitError> {
+        let fit = single_fit(self.model, self.runs, starts, self.options, work)?;
         self.stages.push(LengthFit::new(self.runs, &fit));
         Ok(self.finish(fit))
     }

@@ -3,19 +3,18 @@
 //! The strategies are record-length continuation, substitution of measured states, and multiple shooting; one that was asked
 //! for is followed without being judged.
 
-use crate::observer::Observer;
 use crate::output_error::defect::{FitDefect, trouble};
 use crate::output_error::error::FitError;
 use crate::output_error::fit::{Fit, Recovery, RecoveryStrategy};
 use crate::output_error::options::{Continuation, FitOptions, Shooting};
 use crate::output_error::single::single_fit;
-use crate::recovery::budget::{Halted, stop};
 use crate::recovery::continuation::{Length, LengthContinuation};
 use crate::recovery::free_response::FreeResponse;
 use crate::recovery::shooting::shoot;
 use crate::recovery::substitution::Substitution;
 use crate::residuals::{InputCorrelation, OutputQuality, run_quality};
 use crate::termination::Termination;
+use crate::work::Work;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 
@@ -29,22 +28,22 @@ pub(crate) fn attempt(
     runs: &[Run],
     starts: &[Vec<f64>],
     options: &FitOptions,
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Fit, FitError> {
     let unasked = options.shooting.is_none() && options.substitute.is_empty();
     if unasked
         && options.continuation == Continuation::Auto
         && let Some(lost) = FreeResponse::at_start(model, runs, starts).filter(|found| found.is_lost(runs, None))
-        && let Some(fit) = from_short_records(model, runs, starts, options, &lost, observer)?
+        && let Some(fit) = from_short_records(model, runs, starts, options, &lost, work)?
     {
         return Ok(fit);
     }
-    let fit = as_asked(model, runs, starts, options, observer)?;
+    let fit = as_asked(model, runs, starts, options, work)?;
     let found = trouble(&fit.estimate).filter(|_| options.continuation == Continuation::Auto);
     let found =
         found.filter(|found| !(matches!(found, FitDefect::PoorMatch { .. }) && leaves_noise(model, runs, &fit)));
-    match found.filter(|_| observer.stopped().is_none()) {
-        Some(trouble) => fallback(model, runs, starts, options, (fit, trouble), observer),
+    match found.filter(|_| work.stopped().is_none()) {
+        Some(trouble) => fallback(model, runs, starts, options, (fit, trouble), work),
         None => Ok(fit),
     }
 }
@@ -57,12 +56,12 @@ fn from_short_records(
     starts: &[Vec<f64>],
     options: &FitOptions,
     lost: &FreeResponse,
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Option<Fit>, FitError> {
     let found = FitDefect::Unstable { growth: lost.growth() };
-    let Some((remedy, fit)) = by_continuation(model, runs, starts, options, observer)? else { return Ok(None) };
+    let Some((remedy, fit)) = by_continuation(model, runs, starts, options, work)? else { return Ok(None) };
     if is_unstable(&fit) {
-        return held_in_place(model, runs, starts, options, (fit, found, vec![remedy]), observer).map(Some);
+        return held_in_place(model, runs, starts, options, (fit, found, vec![remedy]), work).map(Some);
     }
     let sound = trouble(&fit.estimate).is_none();
     Ok(sound.then(|| Fit { fallback: Some(Recovery { trouble: found, failed: Vec::new(), by: Some(remedy) }), ..fit }))
@@ -80,9 +79,9 @@ fn held_in_place(
     starts: &[Vec<f64>],
     options: &FitOptions,
     (fit, found, mut failed): (Fit, FitDefect, Vec<RecoveryStrategy>),
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Fit, FitError> {
-    if let Some((remedy, cut)) = by_shooting(model, runs, starts, options, observer)? {
+    if let Some((remedy, cut)) = by_shooting(model, runs, starts, options, work)? {
         if trouble(&cut.estimate).is_none() {
             return Ok(Fit { fallback: Some(Recovery { trouble: found, failed, by: Some(remedy) }), ..cut });
         }
@@ -114,16 +113,16 @@ fn as_asked(
     runs: &[Run],
     starts: &[Vec<f64>],
     options: &FitOptions,
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Fit, FitError> {
     if options.substitute.is_empty() {
-        return from_here(model, runs, starts, options, observer);
+        return from_here(model, runs, starts, options, work);
     }
     let substitution = Substitution::new(model, runs, &options.substitute).map_err(FitError::Strategy)?;
-    let (first, starts) = substitution.first_fit(starts, options, observer)?;
-    let fit = match stop(&first.estimate.termination, observer) {
-        Some(stop) => single_fit(model, runs, &starts, options, &mut Halted(stop))?,
-        None => from_here(model, runs, &starts, options, observer)?,
+    let (first, starts) = substitution.first_fit(starts, options, work)?;
+    let fit = match work.stop_after(&first.estimate.termination) {
+        Some(stop) => single_fit(model, runs, &starts, options, &Work::ended(stop))?,
+        None => from_here(model, runs, &starts, options, work)?,
     };
     Ok(Fit { substituted: substitution.states, ..fit })
 }
@@ -134,16 +133,14 @@ fn from_here(
     runs: &[Run],
     starts: &[Vec<f64>],
     options: &FitOptions,
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Fit, FitError> {
     if let Some(shooting) = options.shooting {
-        return shoot(model, runs, starts, (shooting, options), observer);
+        return shoot(model, runs, starts, (shooting, options), work);
     }
     match options.continuation.lengths() {
-        Some(lengths) => {
-            LengthContinuation { model, runs, options, stages: Vec::new() }.along(&lengths, starts, observer)
-        }
-        None => single_fit(model, runs, starts, options, observer),
+        Some(lengths) => LengthContinuation { model, runs, options, stages: Vec::new() }.along(&lengths, starts, work),
+        None => single_fit(model, runs, starts, options, work),
     }
 }
 
@@ -154,13 +151,13 @@ pub(crate) fn refit(
     runs: &[Run],
     starts: &[Vec<f64>],
     options: &FitOptions,
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Fit, FitError> {
     match &fit.shooting {
         Some(cut) if !cut.polished => {
-            shoot(&fit.model, runs, starts, (Shooting::Segments(cut.segments), options), observer)
+            shoot(&fit.model, runs, starts, (Shooting::Segments(cut.segments), options), work)
         }
-        _ => single_fit(&fit.model, runs, starts, options, observer),
+        _ => single_fit(&fit.model, runs, starts, options, work),
     }
 }
 
@@ -179,7 +176,7 @@ pub(crate) fn fallback(
     starts: &[Vec<f64>],
     options: &FitOptions,
     (plain, found): (Fit, FitDefect),
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Fit, FitError> {
     let doubtful = matches!(found, FitDefect::SmoothResiduals { .. });
     let (mut best, mut by, mut tried) = (plain, None, Vec::new());
@@ -187,10 +184,10 @@ pub(crate) fn fallback(
     let ways: &[Try] = &[by_second_opinion, by_continuation, by_substitution, by_shooting];
     let mut ended = None;
     for way in &ways[usize::from(!doubtful)..] {
-        let tried_now = way(model, runs, starts, options, observer)?;
+        let tried_now = way(model, runs, starts, options, work)?;
         ended = match &tried_now {
-            Some((_, fit)) => stop(&fit.estimate.termination, observer),
-            None => observer.stopped(),
+            Some((_, fit)) => work.stop_after(&fit.estimate.termination),
+            None => work.stopped(),
         };
         let Some((remedy, fit)) = tried_now else {
             if ended.is_some() {
@@ -200,7 +197,7 @@ pub(crate) fn fallback(
         };
         if is_unstable(&fit) {
             tried.push(remedy);
-            return held_in_place(model, runs, starts, options, (fit, found, tried), observer);
+            return held_in_place(model, runs, starts, options, (fit, found, tried), work);
         }
         let left = trouble(&fit.estimate);
         let confirmed = matches!(left, Some(FitDefect::SmoothResiduals { .. })) && agree(&fit, &best);
@@ -234,17 +231,17 @@ fn agree(a: &Fit, b: &Fit) -> bool {
 }
 
 type Way = Option<(RecoveryStrategy, Fit)>;
-type Try = fn(&Model, &[Run], &[Vec<f64>], &FitOptions, &mut dyn Observer) -> Result<Way, FitError>;
+type Try = fn(&Model, &[Run], &[Vec<f64>], &FitOptions, &Work<'_>) -> Result<Way, FitError>;
 
 fn by_second_opinion(
     model: &Model,
     runs: &[Run],
     starts: &[Vec<f64>],
     options: &FitOptions,
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Way, FitError> {
     let mut lengthening = LengthContinuation { model, runs, options, stages: Vec::new() };
-    let fit = lengthening.along(&OPINION.map(Length::Share), starts, observer)?;
+    let fit = lengthening.along(&OPINION.map(Length::Share), starts, work)?;
     Ok(Some((RecoveryStrategy::Continuation, fit)))
 }
 
@@ -253,10 +250,10 @@ fn by_continuation(
     runs: &[Run],
     starts: &[Vec<f64>],
     options: &FitOptions,
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Way, FitError> {
     let mut lengthening = LengthContinuation { model, runs, options, stages: Vec::new() };
-    Ok(lengthening.adaptive(starts, observer)?.map(|fit| (RecoveryStrategy::Continuation, fit)))
+    Ok(lengthening.adaptive(starts, work)?.map(|fit| (RecoveryStrategy::Continuation, fit)))
 }
 
 fn by_substitution(
@@ -264,13 +261,13 @@ fn by_substitution(
     runs: &[Run],
     starts: &[Vec<f64>],
     options: &FitOptions,
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Way, FitError> {
     let Some(substitution) = Substitution::all(model, runs) else { return Ok(None) };
-    let (first, starts) = substitution.first_fit(starts, options, observer)?;
-    let fit = match stop(&first.estimate.termination, observer) {
-        Some(stop) => single_fit(model, runs, &starts, options, &mut Halted(stop))?,
-        None => single_fit(model, runs, &starts, options, observer)?,
+    let (first, starts) = substitution.first_fit(starts, options, work)?;
+    let fit = match work.stop_after(&first.estimate.termination) {
+        Some(stop) => single_fit(model, runs, &starts, options, &Work::ended(stop))?,
+        None => single_fit(model, runs, &starts, options, work)?,
     };
     Ok(Some((RecoveryStrategy::Substitution { states: substitution.states }, fit)))
 }
@@ -280,10 +277,10 @@ fn by_shooting(
     runs: &[Run],
     starts: &[Vec<f64>],
     options: &FitOptions,
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Way, FitError> {
     let Some(segments) = fitting(model, runs) else { return Ok(None) };
-    let fit = shoot(model, runs, starts, (Shooting::Segments(segments), options), observer)?;
+    let fit = shoot(model, runs, starts, (Shooting::Segments(segments), options), work)?;
     let segments = fit.shooting.as_ref().map_or(segments, |s| s.segments);
     Ok(Some((RecoveryStrategy::Shooting { segments }, fit)))
 }

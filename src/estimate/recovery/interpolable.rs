@@ -8,13 +8,13 @@
 use crate::degenerate::Degeneracy;
 use crate::estimate::{Estimate, Status};
 use crate::noise::Noise;
-use crate::observer::{Observer, Quiet};
 use crate::output_error::error::FitError;
 use crate::output_error::fit::Fit;
 use crate::output_error::options::{FitOptions, SharedSteps};
 use crate::output_error::single::{after, single_fit};
 use crate::problem::Options;
 use crate::recovery::multi_start::is_likelier;
+use crate::work::Work;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 
@@ -31,21 +31,21 @@ pub(crate) fn unless_interpolable(
     runs: &[Run],
     starts: &[Vec<f64>],
     options: &FitOptions,
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Fit, FitError> {
     let outputs = interpolable(&fit, options);
     let Some(cost) = fit.estimate.cost.filter(|_| !outputs.is_empty()) else { return Ok(fit) };
-    observer.doing("looking for outputs that the model can pass through");
+    work.doing("looking for outputs that the model can pass through");
     let walk = Walk::new(&fit, runs, starts, options);
     let mut best: Option<(usize, Fit)> = None;
     for output in outputs {
         let least = best.as_ref().and_then(|(_, found)| found.estimate.cost).unwrap_or(cost);
-        best = walk.along(output, least, observer)?.map(|found| (output, found)).or(best);
+        best = walk.along(output, least, work)?.map(|found| (output, found)).or(best);
     }
     let Some((output, found)) = best else { return Ok(fit) };
     if has_maximum(&found.estimate) {
         let from = after(&fit.model, runs, &found.estimate, starts);
-        let better = single_fit(&fit.model, runs, &from, options, observer)?;
+        let better = single_fit(&fit.model, runs, &from, options, work)?;
         if better.is_better_than(&fit) {
             return Ok(Fit { fallback: fit.fallback, substituted: fit.substituted, ..better });
         }
@@ -120,21 +120,21 @@ impl<'w> Walk<'w> {
     }
 
     /// The likeliest fit with free noise that is likelier than `least` says, from places that this output determines; none where there is none.
-    fn along(&self, output: usize, least: f64, observer: &mut dyn Observer) -> Result<Option<Fit>, FitError> {
+    fn along(&self, output: usize, least: f64, work: &Work<'_>) -> Result<Option<Fit>, FitError> {
         let q = self.model.layout().outputs;
         let (mut from, mut least, mut best) = (self.begin.clone(), least, None);
         let mut deviation_now = deviation(&self.fit.estimate, output, q);
         for _ in 0..DECADES {
             deviation_now /= 10.0;
-            if observer.stopped().is_some() || deviation_now <= 0.0 {
+            if work.stopped().is_some() || deviation_now <= 0.0 {
                 break;
             }
-            let held = self.fitted(&from, Some((output, deviation_now)), observer)?;
+            let held = self.fitted(&from, Some((output, deviation_now)), work)?;
             if held.estimate.cost.is_none() {
                 break;
             }
             from = after(self.model, self.runs, &held.estimate, &from);
-            let free = self.fitted(&from, None, observer)?;
+            let free = self.fitted(&from, None, work)?;
             if let Some(cost) = free.estimate.cost.filter(|cost| is_likelier(*cost, least)) {
                 (least, best) = (cost, Some(free));
             }
@@ -147,12 +147,7 @@ impl<'w> Walk<'w> {
     }
 
     /// A fit with the deviation of one output held, or with the noise that was asked for.
-    fn fitted(
-        &self,
-        from: &[Vec<f64>],
-        held: Option<(usize, f64)>,
-        observer: &mut dyn Observer,
-    ) -> Result<Fit, FitError> {
+    fn fitted(&self, from: &[Vec<f64>], held: Option<(usize, f64)>, work: &Work<'_>) -> Result<Fit, FitError> {
         let mut options = self.options.clone();
         if let Some((output, deviation)) = held {
             let mut given = match &options.options.noise {
@@ -162,6 +157,6 @@ impl<'w> Walk<'w> {
             given[output] = Some(deviation);
             options.options.noise = Noise::Given(given);
         }
-        single_fit(self.model, self.runs, from, &options, &mut Quiet(observer))
+        single_fit(self.model, self.runs, from, &options, &work.quiet())
     }
 }

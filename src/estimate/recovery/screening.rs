@@ -5,18 +5,17 @@
 
 use crate::derived::DerivedQuantities;
 use crate::noise::Noise;
-use crate::observer::{Iteration, Observer, Stop};
 use crate::output_error::options::FitOptions;
 use crate::output_error::single::{after, chosen_steps, single_fit};
 use crate::problem::{Options, Problem, ProblemRun};
 use crate::recovery::magnitudes::{self, Magnitudes};
 use crate::recovery::spread::Spread;
 use crate::solve::{cost_at, estimate};
+use crate::work::Work;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::{Scheme, Simulator, Steps};
 use rayon::prelude::*;
-use std::ops::ControlFlow;
 
 /// Starts that are drawn in place of one that cannot be simulated, at most.
 const REDRAWN: usize = 16;
@@ -32,14 +31,14 @@ const IMPLICIT: usize = 4;
 /// Steps of all runs, times states and sensitivities to each parameter, beyond which fewer candidates are drawn.
 const MOST_WORK: usize = 1 << 20;
 
-/// The start with a number from 0; the same for every count of starts and of threads. None where `stopped` says so first.
+/// The start with a number from 0; the same for every count of starts and of threads. A search that is stopped gives what it has.
 pub(crate) fn screened(
     model: &Model,
     runs: &[Run],
     spread: &Spread<'_>,
     number: usize,
     options: &FitOptions,
-    stopped: Stopped<'_>,
+    work: &Work<'_>,
 ) -> Vec<Vec<f64>> {
     let own = spread.start(number);
     if number == 0 {
@@ -50,15 +49,16 @@ pub(crate) fn screened(
             model,
             runs,
             options,
-            stopped,
+            work: work.quiet(),
             levels: magnitudes::levels(runs, model.definition().outputs.len()),
         }
         .best(spread, number);
     }
     let usable = |start: &Vec<Vec<f64>>| is_usable(model, runs, start, options);
     // the fit chooses steps with more care
-    let chosen =
-        || chosen_steps(model, runs, &own, options, &mut ()).is_ok_and(|c| c.iter().all(|a| a.error.is_finite()));
+    let chosen = || {
+        chosen_steps(model, runs, &own, options, &Work::default()).is_ok_and(|c| c.iter().all(|a| a.error.is_finite()))
+    };
     if usable(&own) || chosen() {
         return own;
     }
@@ -66,28 +66,12 @@ pub(crate) fn screened(
     others.into_iter().find(usable).unwrap_or(own)
 }
 
-/// Why the work is to end now, asked from many threads.
-pub(crate) type Stopped<'s> = &'s (dyn Fn() -> Option<Stop> + Sync);
-
-/// Says nothing, and ends when it is told to.
-struct Quiet<'s>(Stopped<'s>);
-
-impl Observer for Quiet<'_> {
-    fn iteration(&mut self, _: &Iteration) -> ControlFlow<()> {
-        if (self.0)().is_some() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-    }
-
-    fn stopped(&mut self) -> Option<Stop> {
-        (self.0)()
-    }
-}
-
 /// Many starts, of which one is wanted.
 struct Crowd<'c> {
     model: &'c Model,
     runs: &'c [Run],
     options: &'c FitOptions,
-    stopped: Stopped<'c>,
+    work: Work<'c>,
     /// Of magnitudes (q).
     levels: Vec<f64>,
 }
@@ -98,9 +82,11 @@ type Member = (f64, Vec<Vec<f64>>);
 impl Crowd<'_> {
     fn best(&self, spread: &Spread<'_>, number: usize) -> Vec<Vec<f64>> {
         let own = spread.start(number);
-        let work = self.work(&own).max(1);
-        let count =
-            (CANDIDATES * spread.dimensions()).min(MOST_CANDIDATES).min(MOST_CANDIDATES * MOST_WORK / work).max(1);
+        let operations = self.operations(&own).max(1);
+        let count = (CANDIDATES * spread.dimensions())
+            .min(MOST_CANDIDATES)
+            .min(MOST_CANDIDATES * MOST_WORK / operations)
+            .max(1);
         let drawn = |k: usize| if k == 0 { own.clone() } else { spread.instead(number, k) };
         let mut members: Vec<Member> = (0..count)
             .into_par_iter()
@@ -126,7 +112,7 @@ impl Crowd<'_> {
     }
 
     /// Numbers that one evaluation with sensitivities takes.
-    fn work(&self, start: &[Vec<f64>]) -> usize {
+    fn operations(&self, start: &[Vec<f64>]) -> usize {
         let steps = self.steps(start);
         let total: usize = steps.iter().zip(self.runs).map(|(steps, run)| steps.total(run.len())).sum();
         let layout = self.model.layout();
@@ -172,10 +158,10 @@ impl Crowd<'_> {
     }
 
     fn improved(&self, (cost, start): Member, iterations: usize) -> Member {
-        let Some(mut problem) = self.problem(&start).filter(|_| (self.stopped)().is_none() && cost.is_finite()) else {
+        let Some(mut problem) = self.problem(&start).filter(|_| self.work.goes_on() && cost.is_finite()) else {
             return (cost, start);
         };
-        match estimate(&mut problem, &self.by_magnitude(iterations), &mut Quiet(self.stopped)) {
+        match estimate(&mut problem, &self.by_magnitude(iterations), &self.work) {
             Ok(found) => match found.cost.filter(|found| *found < cost) {
                 Some(reached) => (reached, after(self.model, self.runs, &found, &start)),
                 None => (cost, start),
@@ -186,13 +172,13 @@ impl Crowd<'_> {
 
     /// By what is fitted; the cost is that.
     fn fitted(&self, (_, start): Member) -> Member {
-        if (self.stopped)().is_some() {
+        if !self.work.goes_on() {
             return (f64::INFINITY, start);
         }
         let iterations = self.options.options.iterations.min(LAST);
         let inner = Options { iterations, colour: false, ..self.options.options.clone() };
         let options = FitOptions { options: inner, ..self.options.clone() };
-        match single_fit(self.model, self.runs, &start, &options, &mut Quiet(self.stopped)) {
+        match single_fit(self.model, self.runs, &start, &options, &self.work) {
             Ok(fit) => {
                 (fit.estimate.cost.unwrap_or(f64::INFINITY), after(self.model, self.runs, &fit.estimate, &start))
             }
@@ -226,6 +212,7 @@ mod tests {
     use crate::changes::Changes;
     use crate::output_error::single::starts;
     use crate::recovery::multi_start;
+    use fdm_numeric::halt::Stop;
 
     /// Grows beyond all bounds within the record where `rho` is above 0.1.
     const GROWTH: &str = "model growth {
@@ -267,7 +254,7 @@ mod tests {
             let options = FitOptions::default().with_declared_noise(&model);
             let spread = Spread::new(&model, &given, 3);
             assert!(spread.is_wide(), "bounds that span decades are enough");
-            let screened = |number: usize| screened(&model, &runs, &spread, number, &options, &|| None);
+            let screened = |number: usize| screened(&model, &runs, &spread, number, &options, &Work::default());
             assert_eq!(screened(0), given, "the given start stays");
             let mut lost = 0;
             for number in 1..7 {
@@ -287,7 +274,7 @@ mod tests {
         let given = starts(&model, &runs, &Changes::default());
         let options = FitOptions::default().with_declared_noise(&model);
         let spread = Spread::new(&model, &given, 3);
-        let found = screened(&model, &runs, &spread, 1, &options, &|| Some(Stop::Interrupt));
+        let found = screened(&model, &runs, &spread, 1, &options, &Work::ended(Stop::Interrupt));
         assert!(is_usable(&model, &runs, &found, &options));
     }
 
@@ -297,8 +284,9 @@ mod tests {
         let given = starts(&model, &runs, &Changes::default());
         let mut options = FitOptions::default().with_declared_noise(&model);
         (options.starts.count, options.starts.seed) = (6, 1);
-        let ledger = crate::recovery::checkpoint::CheckpointWriter::new(None);
-        let found = multi_start::many_starts((&model, &model), &runs, &given, &options, &ledger, &mut ()).unwrap();
+        let ledger = crate::work::checkpoint::CheckpointWriter::new(None);
+        let found =
+            multi_start::many_starts((&model, &model), &runs, &given, &options, &ledger, &Work::default()).unwrap();
         let reached = found.summaries.iter().filter(|s| s.minimum == Some(1)).count();
         assert!(reached >= 5, "{reached}: {:?}", found.summaries);
     }

@@ -7,17 +7,16 @@
 
 use crate::estimate::{Estimate, RunFit, Status, Symmetric};
 use crate::noise::Noise;
-use crate::observer::Observer;
 use crate::output_error::error::{FitError, StrategyError};
 use crate::output_error::fit::{Continuity, Fit};
 use crate::output_error::integration_fault::IntegrationFault;
 use crate::output_error::options::{FitOptions, Shooting};
 use crate::output_error::single::single_fit;
 use crate::problem::{Options, Problem, ProblemRun};
-use crate::recovery::budget::stop;
 use crate::recovery::segmented_response::{Segment, SegmentModels, SegmentedResponse, Sizes, initial_state};
 use crate::solve::estimate;
 use crate::termination::Termination;
+use crate::work::Work;
 use crate::{DerivedQuantities, initial_guess};
 use fdm_system::model::Model;
 use fdm_system::record::Run;
@@ -72,7 +71,7 @@ pub(crate) fn shoot(
     runs: &[Run],
     starts: &[Vec<f64>],
     (shooting, options): (Shooting, &FitOptions),
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Fit, FitError> {
     let layout = model.layout();
     let impossible = match () {
@@ -87,32 +86,32 @@ pub(crate) fn shoot(
     let cuts = runs.iter().map(|run| shooting.cuts(run)).collect::<Result<Vec<_>, _>>().map_err(FitError::Strategy)?;
     let pieces: Vec<Vec<Run>> = runs.iter().zip(&cuts).map(|(run, cuts)| pieces(run, cuts, layout.states)).collect();
     let mut shot = Shot::new(model, &models, &cuts, &pieces, starts, options)?;
-    let mut estimate = shot.rounds(options, observer)?;
+    let mut estimate = shot.rounds(options, work)?;
     for _ in 1..MOST_LOOKS {
-        let over = options.per_interval.is_some() || stop(&estimate.termination, observer).is_some();
+        let over = options.per_interval.is_some() || work.stop_after(&estimate.termination).is_some();
         if over || estimate.runs.is_empty() || !shot.refine()? {
             break;
         }
-        estimate = shot.rounds(options, observer)?;
+        estimate = shot.rounds(options, work)?;
     }
     let continuity = shot.continuity();
     let reached = shot.reached();
     let uncut = WithoutCuts { outputs: layout.outputs, params: model.definition() };
     let gaps = shot.cost_of_gaps();
     let cut = uncut.of(estimate, gaps);
-    if stop(&cut.termination, observer).is_some() || cut.cost.is_none() {
+    if work.stop_after(&cut.termination).is_some() || cut.cost.is_none() {
         return shot.fitted(model, runs, cut, continuity);
     }
     // from where it is to begin it needs few iterations, or it cannot be done
     let iterations = POLISH.min(options.options.iterations);
     let few = FitOptions { options: Options { iterations, ..options.options.clone() }, ..options.clone() };
-    let polished = single_fit(model, runs, &reached, &few, observer)?;
+    let polished = single_fit(model, runs, &reached, &few, work)?;
     if as_good(&polished.estimate, &cut) {
         let continuity = Continuity { largest_gap: 0.0, polished: true, ..continuity };
         return Ok(Fit { shooting: Some(continuity), ..polished });
     }
     if options.options.colour {
-        let estimate = shot.with_errors(options, observer)?;
+        let estimate = shot.with_errors(options, work)?;
         let gaps = shot.cost_of_gaps();
         let cut = uncut.of(estimate, gaps);
         return shot.fitted(model, runs, cut, continuity);
@@ -217,17 +216,17 @@ impl<'a> Shot<'a> {
     }
 
     /// Fits with gaps that are held ever tighter, until there are none.
-    fn rounds(&mut self, options: &FitOptions, observer: &mut dyn Observer) -> Result<Estimate, FitError> {
+    fn rounds(&mut self, options: &FitOptions, work: &Work<'_>) -> Result<Estimate, FitError> {
         let mut round = 1;
         loop {
             let options = self.options(options, false);
-            let estimate = estimate(&mut self.problem, &options, observer).map_err(FitError::Problem)?;
+            let estimate = estimate(&mut self.problem, &options, work).map_err(FitError::Problem)?;
             if estimate.runs.is_empty() {
                 self.gaps.iter_mut().flatten().for_each(|g| *g = f64::INFINITY);
                 return Ok(estimate);
             }
             self.take(&estimate);
-            let stopped = stop(&estimate.termination, observer).is_some() || round == MOST_ROUNDS;
+            let stopped = work.stop_after(&estimate.termination).is_some() || round == MOST_ROUNDS;
             if stopped || self.largest_gap() <= CONTINUOUS {
                 return Ok(estimate);
             }
@@ -237,9 +236,9 @@ impl<'a> Shot<'a> {
     }
 
     /// The last round once more, with the errors that were asked for.
-    fn with_errors(&mut self, options: &FitOptions, observer: &mut dyn Observer) -> Result<Estimate, FitError> {
+    fn with_errors(&mut self, options: &FitOptions, work: &Work<'_>) -> Result<Estimate, FitError> {
         let options = self.options(options, options.options.colour);
-        let estimate = estimate(&mut self.problem, &options, observer).map_err(FitError::Problem)?;
+        let estimate = estimate(&mut self.problem, &options, work).map_err(FitError::Problem)?;
         self.take(&estimate);
         Ok(estimate)
     }

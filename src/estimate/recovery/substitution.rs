@@ -4,12 +4,12 @@
 //! The response then depends on most parameters linearly, so that hardly any start is too poor; but noise enters through the
 //! equations, and the estimates of that first fit are biased by it.
 
-use crate::observer::Observer;
 use crate::output_error::error::{FitError, StrategyError};
 use crate::output_error::fit::Fit;
 use crate::output_error::options::FitOptions;
 use crate::output_error::single::{after, single_fit};
 use crate::problem::Options;
+use crate::work::Work;
 use fdm_grammar::diagnostic::nearest;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
@@ -69,11 +69,11 @@ impl Substitution {
         &self,
         starts: &[Vec<f64>],
         options: &FitOptions,
-        observer: &mut dyn Observer,
+        work: &Work<'_>,
     ) -> Result<(Fit, Vec<Vec<f64>>), FitError> {
         let inner = Options { colour: false, ..options.options.clone() };
         let options = FitOptions { options: inner, ..options.clone() };
-        let fit = single_fit(&self.model, &self.runs, starts, &options, observer)?;
+        let fit = single_fit(&self.model, &self.runs, starts, &options, work)?;
         let starts = after(&self.model, &self.runs, &fit.estimate, starts);
         Ok((fit, starts))
     }

@@ -11,15 +11,15 @@ use super::unobservable_modes::{UnobservableMode, longest, unobservable_modes};
 use crate::estimate::{Estimate, ParameterEstimate};
 use crate::method::{Domain, Method, SmoothBy};
 use crate::noise::Noise;
-use crate::observer::Observer;
 use crate::output_error::error::{FitError, StrategyError};
 use crate::output_error::fit::Fit;
 use crate::output_error::noise_model::{refused, without_output_noise};
 use crate::output_error::single::{after, changed, starts};
 use crate::problem::Options;
-use crate::recovery::budget::{Budget, stop};
 use crate::solve::estimate;
 use crate::table_nodes::add_tables;
+use crate::work::Work;
+use crate::work::budget::Budget;
 use fdm_grammar::carried::CarriedTerm;
 use fdm_system::linear::Trim;
 use fdm_system::model::Model;
@@ -100,8 +100,8 @@ impl SpectralFit {
     ///
     /// # Errors
     /// [`FitError`], as any fit in the time domain.
-    pub fn predict(&self, runs: &[Run], observer: &mut dyn Observer) -> Result<Fit, FitError> {
-        in_time(&self.model, &values_of(&self.model, &self.estimate), &self.not_identifiable, runs, observer)
+    pub fn predict(&self, runs: &[Run], work: &Work<'_>) -> Result<Fit, FitError> {
+        in_time(&self.model, &values_of(&self.model, &self.estimate), &self.not_identifiable, runs, work)
     }
 }
 
@@ -113,9 +113,10 @@ pub fn fit_spectra(
     model: &Model,
     runs: &[Run],
     options: &SpectralOptions,
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<SpectralFit, SpectralError> {
-    let observer = &mut Budget::new(observer, options.options.total);
+    let budget = Budget::new(work, options.options.total);
+    let work = &work.unkept().within(&budget);
     let model = changed(model, &options.changes).map_err(SpectralError::of)?;
     if let Some(refused) = refused(&model, &options.options.noise, Method::OutputError, Domain::Frequency) {
         return Err(SpectralError::Strategy(refused));
@@ -144,11 +145,11 @@ pub fn fit_spectra(
     let names = |k: usize| model.definition().params[k].quantity.name.clone();
     let not_identifiable: Vec<String> = (0..setting.own()).filter(free).map(names).collect();
     let finish = || FinishInTime { model: &model, runs, unseen: not_identifiable.clone(), last: last.clone() };
-    let mut found = setting.estimated(&with_first(&model, &start, &first), &how, (finish(), options), observer)?;
-    let lost = !found.termination.is_good() && stop(&found.termination, observer).is_none();
+    let mut found = setting.estimated(&with_first(&model, &start, &first), &how, (finish(), options), work)?;
+    let lost = !found.termination.is_good() && work.stop_after(&found.termination).is_none();
     if lost && first.iter().any(|f| !f.equations.is_empty()) {
         // noise in the regressors can lead astray; then the model's own values are tried
-        let again = setting.estimated(&start, &how, (finish(), options), observer)?;
+        let again = setting.estimated(&start, &how, (finish(), options), work)?;
         if again.termination.is_good() {
             (found, first) = (again, Vec::new());
         }
@@ -184,7 +185,7 @@ pub fn fit_spectra(
     fit.unobservable = unobservable_modes(&setting.linear, theta.first().map_or(&[], Vec::as_slice), longest(runs));
     if options.finish && fit.estimate.termination.is_good() && fit.unobservable.is_empty() {
         let made = last.at(&values_of(&fit.model, &fit.estimate));
-        match made.unwrap_or_else(|| fit.predict(runs, observer)) {
+        match made.unwrap_or_else(|| fit.predict(runs, work)) {
             Ok(finish) => fit.finish = Some(finish),
             Err(e) => fit.unfinished = Some(e),
         }
@@ -261,7 +262,7 @@ impl Setting {
         start: &[Vec<f64>],
         options: &Options,
         (finish, choice): (FinishInTime<'_>, &SpectralOptions),
-        observer: &mut dyn Observer,
+        work: &Work<'_>,
     ) -> Result<Estimate, SpectralError> {
         let mut problem = self.problem(start)?;
         if let Some(noise) = SimulatedNoise::new(self, finish.runs, choice)? {
@@ -270,7 +271,7 @@ impl Setting {
         if choice.finish {
             problem.noise_in_time = Some(Box::new(finish));
         }
-        estimate(&mut problem, options, observer).map_err(SpectralError::Problem)
+        estimate(&mut problem, options, work).map_err(SpectralError::Problem)
     }
 }
 

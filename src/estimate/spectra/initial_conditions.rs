@@ -1,12 +1,12 @@
 //! What the frequency domain does not determine, found in the time domain afterwards: initial states and biases of each run, with the rest held.
 
 use crate::estimate::{Estimate, ParameterEstimate};
-use crate::observer::Observer;
 use crate::output_error::error::FitError;
 use crate::output_error::fit::Fit;
 use crate::output_error::options::FitOptions;
 use crate::problem::Options;
 use crate::time_domain::fit;
+use crate::work::Work;
 use fdm_grammar::graph::{Graph, Leaf};
 use fdm_grammar::model::{Origin, Param, Quantity};
 use fdm_grammar::op::{Build, ExprId, Op};
@@ -29,13 +29,13 @@ pub(crate) fn in_time(
     values: &[f64],
     unseen: &[String],
     runs: &[Run],
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<Fit, FitError> {
     let params = &model.definition().params;
     let seen: Vec<bool> = params.iter().map(|p| !unseen.contains(&p.quantity.name)).collect();
     let model = with_offsets(model, values, &seen);
     let options = FitOptions { options: Options { colour: false, ..Options::default() }, ..FitOptions::default() };
-    fit(&model, runs, &options, observer)
+    fit(&model, runs, &options, work)
 }
 
 /// Parameters as the frequency domain found them, or as the time domain did afterwards where they are `unseen` before.

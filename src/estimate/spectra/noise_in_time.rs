@@ -2,11 +2,11 @@
 //! of one size.
 
 use super::initial_conditions::in_time;
-use crate::observer::Observer;
 use crate::output_error::error::FitError;
 use crate::output_error::fit::Fit;
 use crate::problem::{NoiseInTime, NoiseSizes};
 use crate::residuals::noise_variation::{OutputSeries, profile, range, test};
+use crate::work::Work;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -36,9 +36,9 @@ pub(super) struct FinishInTime<'a> {
 }
 
 impl NoiseInTime for FinishInTime<'_> {
-    fn sizes(&self, theta: &[Vec<f64>], observer: &mut dyn Observer) -> Option<NoiseSizes> {
+    fn sizes(&self, theta: &[Vec<f64>], work: &Work<'_>) -> Option<NoiseSizes> {
         let values = &theta.first()?[..self.model.layout().params];
-        let found = in_time(self.model, values, &self.unseen, self.runs, observer);
+        let found = in_time(self.model, values, &self.unseen, self.runs, work);
         let sizes = found.as_ref().ok().and_then(|fit| self.judged(fit));
         *self.last.0.lock().unwrap_or_else(PoisonError::into_inner) = Some((values.to_vec(), found));
         sizes

@@ -8,6 +8,7 @@ use crate::changes::Changes;
 use crate::estimate::Estimate;
 use crate::problem::{Coefficients, Options, Response};
 use crate::solve::estimate;
+use crate::work::Work;
 use fdm_numeric::random::Normal;
 use fdm_system::frequency::EndTerms;
 use fdm_system::model::Model;
@@ -98,7 +99,7 @@ fn planes_and_rows_give_the_same_estimate() {
                 problem.runs = wrapped.collect();
             }
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-            pool.install(|| estimate(&mut problem, &Options::default(), &mut ())).expect("a possible problem")
+            pool.install(|| estimate(&mut problem, &Options::default(), &Work::default())).expect("a possible problem")
         };
         let (one, two, rows) = (solved(1, false), solved(2, false), solved(2, true));
         assert!(one.is_good() && rows.is_good(), "{} {}", one.termination, rows.termination);
@@ -149,7 +150,7 @@ fn recovered(file: &str, ends: &EndTerms, frequencies: &Frequencies, before: usi
         finish: false,
         ..SpectralOptions::default()
     };
-    let fit = fit_spectra(&model, &runs, &options, &mut ()).expect("a fit");
+    let fit = fit_spectra(&model, &runs, &options, &Work::default()).expect("a fit");
     let error = |k: &usize| {
         let found = fit.estimate.parameter(&params[*k].quantity.name, None).map_or(f64::NAN, |p| p.value);
         (found / theta[*k] - 1.0).abs()
@@ -203,7 +204,7 @@ fn frequencies_that_repeat_each_other_add_nothing() {
     let fit = |frequencies: Frequencies| {
         let options =
             SpectralOptions { frequencies, ends: EndTerms::Unknown, finish: false, ..SpectralOptions::default() };
-        fit_spectra(&model, &runs, &options, &mut ()).expect("a fit")
+        fit_spectra(&model, &runs, &options, &Work::default()).expect("a fit")
     };
     let own = fit(Frequencies::Grid { lowest: Some(0.2), highest: Some(2.0) });
     let spacing = 1.0 / (5.0 * 1203.0 * 0.025);
@@ -239,7 +240,7 @@ fn errors_allow_for_noise_that_grows_with_the_signal() {
             let measured = y.iter().map(|y| y + noise(*y) * normal.next()).collect();
             let noisy = Run { measured, ..clean.clone() };
             let options = SpectralOptions { regressed: false, ..SpectralOptions::default() };
-            let fit = fit_spectra(&model, &[noisy], &options, &mut ()).expect("a fit");
+            let fit = fit_spectra(&model, &[noisy], &options, &Work::default()).expect("a fit");
             let b = fit.estimate.parameter("b", None).expect("fitted");
             squares += (b.value - 1.0).powi(2);
             printed += b.corrected_error.expect("known").powi(2);

@@ -1,7 +1,7 @@
 //! Tasks of a command: what they are called, how one is done, and how their results become what the command looks for.
 
-use crate::study::{Profiler, REPEATS, Repeat, Side, Watch};
-use fdm_estimate::StartSearch;
+use crate::study::{Profiler, REPEATS, Repeat, Side};
+use fdm_estimate::{Halt, StartSearch};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -63,7 +63,7 @@ impl Kind {
 }
 
 /// A command that is cut into tasks and ready to do any of them: whoever does a task gets the same bytes.
-pub trait Work: Sync {
+pub trait Tasks: Sync {
     /// How it is cut.
     fn kind(&self) -> Kind;
 
@@ -75,17 +75,17 @@ pub trait Work: Sync {
         Vec::new()
     }
 
-    /// Does the task with this number, from 0, as long as `goes_on` says so. None where it was interrupted.
+    /// Does the task with this number, from 0, until it is to end. None where it was interrupted.
     ///
     /// # Errors
     /// A sentence, where the task cannot be done at all.
-    fn once(&self, task: u64, goes_on: &(dyn Fn() -> bool + Sync)) -> Result<Option<Vec<u8>>, String>;
+    fn once(&self, task: u64, halt: &Halt) -> Result<Option<Vec<u8>>, String>;
 }
 
 /// The starts of a fit.
 pub struct Starts(pub StartSearch);
 
-impl Work for Starts {
+impl Tasks for Starts {
     fn kind(&self) -> Kind {
         Kind::Starts
     }
@@ -94,20 +94,20 @@ impl Work for Starts {
         self.0.count() as u64
     }
 
-    fn once(&self, task: u64, goes_on: &(dyn Fn() -> bool + Sync)) -> Result<Option<Vec<u8>>, String> {
-        Ok(self.0.once(task as usize + 1, goes_on))
+    fn once(&self, task: u64, halt: &Halt) -> Result<Option<Vec<u8>>, String> {
+        Ok(self.0.once(task as usize + 1, halt))
     }
 }
 
 /// So many repeats of a fit or an experiment.
 pub struct Repeats<'o> {
     /// Makes one, as [`series`](crate::study::series) asks for it.
-    pub once: &'o (dyn Fn(u64, &dyn Watch) -> Option<Repeat> + Sync),
+    pub once: &'o (dyn Fn(u64, &Halt) -> Option<Repeat> + Sync),
     /// How many.
     pub count: u64,
 }
 
-impl Work for Repeats<'_> {
+impl Tasks for Repeats<'_> {
     fn kind(&self) -> Kind {
         Kind::Repeats
     }
@@ -116,20 +116,9 @@ impl Work for Repeats<'_> {
         self.count
     }
 
-    fn once(&self, task: u64, goes_on: &(dyn Fn() -> bool + Sync)) -> Result<Option<Vec<u8>>, String> {
-        let repeat = (self.once)(task, &While(goes_on));
+    fn once(&self, task: u64, halt: &Halt) -> Result<Option<Vec<u8>>, String> {
+        let repeat = (self.once)(task, halt);
         repeat.map(|repeat| postcard::to_allocvec(&repeat).map_err(|e| e.to_string())).transpose()
-    }
-}
-
-/// Watches a repeat until it may not go on.
-struct While<'g>(&'g (dyn Fn() -> bool + Sync));
-
-impl Watch for While<'_> {
-    fn ended(&self, _: usize) {}
-
-    fn goes_on(&self) -> bool {
-        (self.0)()
     }
 }
 
@@ -141,7 +130,7 @@ pub struct Sides<'p> {
     pub parameters: Vec<String>,
 }
 
-impl Work for Sides<'_> {
+impl Tasks for Sides<'_> {
     fn kind(&self) -> Kind {
         Kind::Sides
     }
@@ -154,7 +143,7 @@ impl Work for Sides<'_> {
         self.parameters.iter().flat_map(|name| Side::BOTH.map(|side| side.of(name))).collect()
     }
 
-    fn once(&self, task: u64, _: &(dyn Fn() -> bool + Sync)) -> Result<Option<Vec<u8>>, String> {
+    fn once(&self, task: u64, _: &Halt) -> Result<Option<Vec<u8>>, String> {
         let name = &self.parameters[task as usize / 2];
         self.profiler.side_of(name, Side::BOTH[task as usize % 2]).map_err(|e| e.to_string())
     }
@@ -165,17 +154,17 @@ impl Work for Sides<'_> {
 /// # Errors
 /// That of the first task that cannot be done.
 pub fn work_off(
-    work: &dyn Work,
-    tasks: &[u64],
-    goes_on: &(dyn Fn() -> bool + Sync),
+    tasks: &dyn Tasks,
+    numbers: &[u64],
+    halt: &Halt,
     came: &(dyn Fn(u64, Vec<u8>) + Sync),
 ) -> Result<(), String> {
-    tasks.par_iter().with_max_len(1).try_for_each(|task| {
-        if !goes_on() {
+    numbers.par_iter().with_max_len(1).try_for_each(|number| {
+        if !halt.goes_on() {
             return Ok(());
         }
-        if let Some(result) = work.once(*task, goes_on)? {
-            came(*task, result);
+        if let Some(result) = tasks.once(*number, halt)? {
+            came(*number, result);
         }
         Ok(())
     })

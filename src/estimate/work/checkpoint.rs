@@ -1,12 +1,27 @@
 //! Checkpoints of a fit: the last state of each of its estimations, kept as often as costs little time. A fit that is repeated
 //! with them goes through the estimations that had ended at once, and goes on in the last.
 
-use crate::observer::{CheckpointStore, Iteration, Observer, StartSummary, Stop, UnknownName};
+use super::StartSummary;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::ops::ControlFlow;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
+
+/// Keeps byte strings under names. What was kept last is found again, whole, whenever the program ended: an implementation
+/// must never lose the state before when it is interrupted while keeping the next (see the room `store`).
+pub trait CheckpointStore: Send + Sync {
+    /// Keeps `state` under `name`, in place of what was kept there.
+    ///
+    /// # Errors
+    /// A sentence that names the place and the reason; what was kept before is still there.
+    fn keep(&self, name: &str, state: &[u8]) -> Result<(), String>;
+
+    /// What was kept under `name` last; none when nothing was.
+    ///
+    /// # Errors
+    /// A sentence that names the place and the reason, when something was kept that cannot be read.
+    fn find(&self, name: &str) -> Result<Option<Vec<u8>>, String>;
+}
 
 /// States are not kept more often than this.
 const LEAST: Duration = Duration::from_millis(50);
@@ -81,84 +96,68 @@ impl Pending {
     }
 }
 
-/// An observer that remembers the states, keeps them, and hands them out again.
-pub(crate) struct CheckpointObserver<'a> {
-    observer: &'a mut dyn Observer,
-    ledger: &'a CheckpointWriter<'a>,
+/// The states of the estimations of one attempt: kept, and handed out again to the same attempt.
+pub(crate) struct EstimationStates<'a> {
+    writer: &'a CheckpointWriter<'a>,
     name: String,
+    /// Whether states are wanted though nothing is kept.
+    remember: bool,
+    series: Mutex<Series>,
+}
+
+struct Series {
     /// The last state of each estimation; empty where the start values could not be used.
     states: Vec<Vec<u8>>,
     /// Estimations begun.
     begun: usize,
-    /// Whether states are wanted though nothing is kept.
-    remember: bool,
 }
 
-impl<'a> CheckpointObserver<'a> {
-    /// Goes on from `states`; keeps under `name`.
-    pub(crate) fn new(
-        observer: &'a mut dyn Observer,
-        ledger: &'a CheckpointWriter<'a>,
-        name: String,
-        states: Vec<Vec<u8>>,
-    ) -> Self {
-        Self { observer, ledger, name, states, begun: 0, remember: false }
-    }
-
-    /// This observer, for [`Self::into_states`].
-    pub(crate) fn remembering(self) -> Self {
-        Self { remember: true, ..self }
-    }
-
-    pub(crate) fn into_states(self) -> Vec<Vec<u8>> {
-        self.states
-    }
-
-    /// Whether estimations follow that were made before: what ends the work now did not end it then.
+impl Series {
     fn is_replaying(&self) -> bool {
         self.begun < self.states.len()
     }
 }
 
-impl Observer for CheckpointObserver<'_> {
-    fn iteration(&mut self, iteration: &Iteration) -> ControlFlow<()> {
-        let flow = self.observer.iteration(iteration);
-        if self.is_replaying() { ControlFlow::Continue(()) } else { flow }
+impl<'a> EstimationStates<'a> {
+    /// Goes on from `states`; keeps under `name`.
+    pub(crate) fn new(writer: &'a CheckpointWriter<'a>, name: String, states: Vec<Vec<u8>>) -> Self {
+        Self { writer, name, remember: false, series: Mutex::new(Series { states, begun: 0 }) }
     }
 
-    fn begin(&mut self, names: &dyn Fn() -> Vec<UnknownName>) {
-        self.observer.begin(names);
+    /// These, for [`Self::into_states`].
+    pub(crate) fn remembering(self) -> Self {
+        Self { remember: true, ..self }
     }
 
-    fn ended(&mut self, iterations: usize) {
-        self.observer.ended(iterations);
+    pub(crate) fn into_states(self) -> Vec<Vec<u8>> {
+        self.series.into_inner().unwrap_or_else(PoisonError::into_inner).states
     }
 
-    fn doing(&mut self, what: &str) {
-        self.observer.doing(what);
+    /// Whether estimations follow that were made before.
+    pub(super) fn is_replaying(&self) -> bool {
+        self.lock().is_replaying()
     }
 
-    fn stopped(&mut self) -> Option<Stop> {
-        if self.is_replaying() { None } else { self.observer.stopped() }
+    /// The state that the next estimation is to go on from.
+    pub(super) fn resume(&self) -> Option<Vec<u8>> {
+        let mut series = self.lock();
+        series.begun += 1;
+        series.states.get(series.begun - 1).filter(|s| !s.is_empty()).cloned()
     }
 
-    fn values(&mut self, values: &[f64]) {
-        self.observer.values(values);
-    }
-
-    fn resume(&mut self) -> Option<Vec<u8>> {
-        let state = self.states.get(self.begun).filter(|s| !s.is_empty()).cloned();
-        self.begun += 1;
-        state
-    }
-
-    fn state(&mut self, bytes: &dyn Fn() -> Vec<u8>) {
-        if !(self.remember || self.ledger.is_open()) {
+    /// Keeps the state of the estimation at work.
+    pub(super) fn put(&self, bytes: &dyn Fn() -> Vec<u8>) {
+        if !(self.remember || self.writer.is_open()) {
             return;
         }
-        let Some(now) = self.begun.checked_sub(1).filter(|_| !self.is_replaying()) else { return };
-        self.states.resize(now, Vec::new());
-        self.states.push(bytes());
-        self.ledger.put(&self.name, None, &self.states);
+        let mut series = self.lock();
+        let Some(now) = series.begun.checked_sub(1).filter(|_| !series.is_replaying()) else { return };
+        series.states.resize(now, Vec::new());
+        series.states.push(bytes());
+        self.writer.put(&self.name, None, &series.states);
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Series> {
+        self.series.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
