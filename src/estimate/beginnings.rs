@@ -1,10 +1,11 @@
 //! What is a run's own (free initial values, biases) from its first samples, and what a model predicts from there: nothing of the rest
 //! of the record enters but the inputs.
 
+use crate::output_error::attempt::{Attempt, after};
 use crate::output_error::error::{FitError, StrategyError};
 use crate::output_error::fit::Fit;
 use crate::output_error::options::FitOptions;
-use crate::output_error::single::{after, changed, starts};
+use crate::output_error::single::{changed, starts};
 use crate::time_domain::{examined, fit_from};
 use crate::work::Work;
 use fdm_system::model::Model;
@@ -36,7 +37,7 @@ pub fn initial_values(
     for (head, start) in heads.iter().zip(&starts) {
         let options = FitOptions { bare: true, ..options.clone() }.with_declared_noise(model);
         let (runs, starts) = (std::slice::from_ref(head), std::slice::from_ref(start));
-        let fit = fit_from(&own, runs, starts, &options, work)?;
+        let fit = fit_from(&Attempt { model: &own, runs, starts, options: &options, work })?;
         found.extend(after(&fit.model, runs, &fit.estimate, starts));
     }
     Ok(found)
@@ -60,8 +61,8 @@ pub fn fit_from_beginnings(
     params.iter_mut().filter(|p| p.per_run).for_each(|p| p.fixed = true);
     let held = given.with_params(params);
     let options = options.clone().with_declared_noise(&held);
-    let fit = fit_from(&held, runs, &values, &options, work)?;
-    examined(fit, runs, &values, &options, work)
+    let held = Attempt { model: &held, runs, starts: &values, options: &options, work };
+    examined(fit_from(&held)?, &held)
 }
 
 /// The samples of the first `length` of a run.

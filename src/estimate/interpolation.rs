@@ -8,12 +8,12 @@
 
 use crate::estimate::{Estimate, ParameterEstimate};
 use crate::input_interpolation::{EstimateMove, InputInterpolation};
+use crate::output_error::attempt::Attempt;
 use crate::output_error::fit::Fit;
 use crate::output_error::options::{FitOptions, SharedSteps};
 use crate::problem::Options;
 use crate::recovery::fallback::refit;
 use crate::residuals::autoregression::of_series;
-use crate::work::Work;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::record::even_grid::EvenGrid;
@@ -27,15 +27,10 @@ const TOLERANCE: f64 = 1e-4;
 /// Standard errors from which the residuals are said to ask for more than twice the difference.
 const SIGNIFICANT: f64 = 3.0;
 
-/// Compares both ways of every input that nobody stated, of a converged fit of plain squares; `thetas` are all parameters of each run at the
+/// Compares both ways of every input that nobody stated, of a converged fit of plain squares; `reached` begins at the
 /// estimates. Less than all where the work is to end.
-pub(crate) fn compare(
-    fit: &Fit,
-    runs: &[Run],
-    thetas: &[Vec<f64>],
-    options: &FitOptions,
-    work: &Work<'_>,
-) -> Vec<InputInterpolation> {
+pub(crate) fn compare(fit: &Fit, reached: &Attempt<'_>) -> Vec<InputInterpolation> {
+    let Attempt { runs, starts: thetas, options, work, .. } = *reached;
     let mut found = Vec::new();
     for input in unknown(&fit.model, runs) {
         if work.stopped().is_some() {
@@ -56,7 +51,8 @@ pub(crate) fn compare(
         };
         let shared_steps = SharedSteps::of(fit.integration.clone()).provisional();
         let options = FitOptions { options: inner, shared_steps, bare: true, ..options.clone() };
-        let Ok(other) = refit(fit, &others, thetas, &options, &work.quiet()) else { continue };
+        let other = Attempt { runs: &others, options: &options, work: &work.quiet(), ..*reached };
+        let Ok(other) = refit(fit, &other) else { continue };
         found.extend(judged(name, held, fit, &other.estimate, runs));
     }
     found

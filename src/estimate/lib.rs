@@ -78,6 +78,7 @@ pub use input_interpolation::{EstimateMove, InputInterpolation};
 pub use iteration::normal_equations::{NormalEquations, NotFinite};
 pub use method::{Domain, Method, Optimizer, SmoothBy};
 pub use noise::Noise;
+pub use output_error::attempt::Attempt;
 pub use output_error::defect::FitDefect;
 pub use output_error::error::{FitError, StrategyError};
 pub use output_error::fit::{

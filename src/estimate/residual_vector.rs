@@ -2,6 +2,7 @@
 
 use crate::changes::Changes;
 use crate::derived::DerivedQuantities;
+use crate::output_error::attempt::Attempt;
 use crate::output_error::error::FitError;
 use crate::output_error::options::FitOptions;
 use crate::output_error::single::{chosen_steps, starts};
@@ -45,9 +46,10 @@ impl<'a> ResidualVector<'a> {
         let starts = starts(model, runs, &Changes::default());
         let steps = match options.per_interval {
             Some(count) => vec![Steps::equal(options.scheme.unwrap_or_default(), count); runs.len()],
-            None => {
-                chosen_steps(model, runs, &starts, options, &Work::default())?.into_iter().map(|a| a.steps).collect()
-            }
+            None => chosen_steps(&Attempt { model, runs, starts: &starts, options, work: &Work::default() })?
+                .into_iter()
+                .map(|a| a.steps)
+                .collect(),
         };
         let mut prepared = Vec::with_capacity(runs.len());
         for ((run, start), steps) in runs.iter().zip(&starts).zip(steps) {

@@ -6,12 +6,12 @@
 
 use crate::doubted_initials::{DoubtedInitial, DoubtedInitials, MovedParameter};
 use crate::estimate::{ParameterEstimate, Status};
+use crate::output_error::attempt::Attempt;
 use crate::output_error::error::FitError;
 use crate::output_error::fit::Fit;
 use crate::output_error::options::{Continuation, FitOptions, SharedSteps};
 use crate::spectra::initial_conditions::with_initials;
 use crate::time_domain::fit_from;
-use crate::work::Work;
 use fdm_grammar::graph::Leaf;
 use fdm_grammar::model::{Origin, Param};
 use fdm_numeric::statistics::{Student, chi_squared_tail, normal_tail};
@@ -36,13 +36,8 @@ const MOST_LAGS: usize = 1000;
 ///
 /// # Errors
 /// [`FitError`] of the fit with free initial values.
-pub(crate) fn doubted_initials(
-    fit: &Fit,
-    runs: &[Run],
-    thetas: &[Vec<f64>],
-    options: &FitOptions,
-    work: &Work<'_>,
-) -> Result<Option<DoubtedInitials>, FitError> {
+pub(crate) fn doubted_initials(fit: &Fit, reached: &Attempt<'_>) -> Result<Option<DoubtedInitials>, FitError> {
+    let Attempt { runs, starts: thetas, options, work, .. } = *reached;
     let estimate = &fit.estimate;
     let noise_free = estimate.noise_free.len() == fit.model.definition().outputs.len();
     let judged = options.options.colour && estimate.termination.is_good() && fit.loss.is_squares();
@@ -68,7 +63,7 @@ pub(crate) fn doubted_initials(
         shared_steps: SharedSteps::of(fit.integration.clone()),
         ..options.clone()
     };
-    let refit = fit_from(&model, runs, &starts, &options, &work.quiet())?;
+    let refit = fit_from(&Attempt { model: &model, runs, starts: &starts, options: &options, work: &work.quiet() })?;
     Ok(freed.told(&states, &refit))
 }
 

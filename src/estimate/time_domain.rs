@@ -7,13 +7,14 @@ use crate::few_samples::few_samples;
 use crate::interpolation::{compare, uncompared};
 use crate::method::{Domain, Method, SmoothBy};
 use crate::noise::Noise;
+use crate::output_error::attempt::{Attempt, after};
 use crate::output_error::cross_validation::weights_by_validation;
 use crate::output_error::error::{FitError, StrategyError};
 use crate::output_error::fit::Fit;
 use crate::output_error::noise_model::{deviations, without_infinite};
 use crate::output_error::options::{FitOptions, SharedSteps};
 use crate::output_error::robust::mistake;
-use crate::output_error::single::{after, changed, chosen_steps, integration_faults, starts};
+use crate::output_error::single::{changed, chosen_steps, integration_faults, starts};
 use crate::problem::Options;
 use crate::recovery::completion::{completed, without_noise};
 use crate::recovery::confidence::{fit_shorter_records, refit_with_weights};
@@ -43,8 +44,9 @@ pub fn fit(model: &Model, runs: &[Run], options: &FitOptions, work: &Work<'_>) -
     let ledger = CheckpointWriter::new(work.store());
     let (mut name, mut summaries, mut states, mut reached) = (String::from("fit"), Vec::new(), Vec::new(), None);
     if options.starts.count > 1 {
-        options.shared_steps = shared_steps(&model, runs, &start, &options)?;
-        let many = many_starts((&model, &given), runs, &start, &options, &ledger, work)?;
+        options.shared_steps = shared_steps(&Attempt { model: &model, runs, starts: &start, options: &options, work })?;
+        let given_start = Attempt { model: &model, runs, starts: &start, options: &options, work };
+        let many = many_starts(&given_start, &given, &ledger)?;
         name = format!("fit-{}", many.number);
         (summaries, start, states, reached) = (many.summaries, many.start, many.states, many.reached);
     }
@@ -54,10 +56,11 @@ pub fn fit(model: &Model, runs: &[Run], options: &FitOptions, work: &Work<'_>) -
     let budget = Budget::new(work, options.options.total);
     let states = EstimationStates::new(&ledger, name, states);
     let work = &work.within(&budget).with_states(&states);
-    let found = attempt(&model, runs, &start, &options, work)
-        .and_then(|first| completed(&given, runs, (&start, reached.as_deref()), first, &options, work))
-        .and_then(|fit| unless_interpolable(fit, runs, &start, &options, work))
-        .and_then(|fit| examined(fit, runs, &start, &options, work));
+    let first = &Attempt { model: &model, runs, starts: &start, options: &options, work };
+    let found = attempt(first)
+        .and_then(|fit| completed(&Attempt { model: &given, ..*first }, reached.as_deref(), fit))
+        .and_then(|fit| unless_interpolable(fit, first))
+        .and_then(|fit| examined(fit, first));
     ledger.flush();
     let mut found = found?;
     if found.estimate.degenerate.is_empty() {
@@ -77,7 +80,8 @@ pub fn start_search(
     work: &Work<'_>,
 ) -> Result<StartSearch, FitError> {
     let Ready { given, model, runs, start, mut options } = Ready::of(model, runs, options, work)?;
-    options.shared_steps = shared_steps(&model, &runs, &start, &options)?;
+    let first = Attempt { model: &model, runs: &runs, starts: &start, options: &options, work };
+    options.shared_steps = shared_steps(&first)?;
     Ok(StartSearch::of((model, given), &runs, start, &options))
 }
 
@@ -112,7 +116,13 @@ impl<'r> Ready<'r> {
             return Err(FitError::Strategy(refused));
         }
         if options.options.smooth_by == SmoothBy::Validation {
-            let weights = weights_by_validation(&model, &runs, &start, &options, work)?;
+            let weights = weights_by_validation(&Attempt {
+                model: &model,
+                runs: &runs,
+                starts: &start,
+                options: &options,
+                work,
+            })?;
             options.options.smooth_by = weights.map_or(SmoothBy::Likelihood, SmoothBy::Weights);
         }
         Ok(Self { given, model, runs, start, options })
@@ -132,36 +142,26 @@ fn smoothing_mistake(model: &Model, smooth_by: &SmoothBy, runs: usize) -> Option
     }
 }
 
-/// Fits from `starts` (all parameters of each run, see [`starts`]), by the noise that the model states and the loss that was
-/// asked for, and judges nothing; `model` has the changes in `options` already.
+/// Fits from start values, by the noise that the model states and the loss that was asked for, and judges nothing.
 ///
 /// # Errors
 /// [`FitError`]; an attempt that ran and went wrong is a [`Fit`] whose estimate says so.
-pub fn fit_from(
-    model: &Model,
-    runs: &[Run],
-    starts: &[Vec<f64>],
-    options: &FitOptions,
-    work: &Work<'_>,
-) -> Result<Fit, FitError> {
+pub fn fit_from(start: &Attempt<'_>) -> Result<Fit, FitError> {
+    let Attempt { model, runs, starts, options, work } = *start;
     let squares = without_noise(model);
     let deviations = deviations(model, &options.options.noise);
     let known = deviations.as_ref().map(|d| without_infinite(&squares, runs, starts, d, work)).transpose()?;
     let runs = known.as_deref().unwrap_or(runs);
-    let first = attempt(&squares, runs, starts, options, work)?;
-    completed(model, runs, (starts, None), first, options, work)
+    let start = Attempt { runs, ..*start };
+    let first = attempt(&Attempt { model: &squares, ..start })?;
+    completed(&start, None, first)
 }
 
 /// The steps that all starts have in common.
-fn shared_steps(
-    model: &Model,
-    runs: &[Run],
-    given: &[Vec<f64>],
-    options: &FitOptions,
-) -> Result<SharedSteps, FitError> {
-    match options.per_interval {
+fn shared_steps(given: &Attempt<'_>) -> Result<SharedSteps, FitError> {
+    match given.options.per_interval {
         Some(_) => Ok(SharedSteps::default()),
-        None => chosen_steps(model, runs, given, options, &Work::default()).map(SharedSteps::of),
+        None => chosen_steps(&Attempt { work: &Work::default(), ..*given }).map(SharedSteps::of),
     }
 }
 
@@ -169,13 +169,8 @@ fn shared_steps(
 ///
 /// # Errors
 /// As for [`fit()`].
-pub fn examined(
-    mut fit: Fit,
-    runs: &[Run],
-    starts: &[Vec<f64>],
-    options: &FitOptions,
-    work: &Work<'_>,
-) -> Result<Fit, FitError> {
+pub fn examined(mut fit: Fit, attempt: &Attempt<'_>) -> Result<Fit, FitError> {
+    let Attempt { runs, starts, options, work, .. } = *attempt;
     if !options.bare {
         work.doing("judging the residuals");
         let judge = |(run, result): (&Run, &RunFit)| run_quality(&fit.model, run, &result.response);
@@ -191,10 +186,10 @@ pub fn examined(
         // in segments the response is not that of the whole run
         if fit.estimate.termination.is_good() && fit.shooting.as_ref().is_none_or(|s| s.polished) {
             fit.few_samples = few_samples(&fit, runs, &thetas);
-            fit.doubted_initials = doubted_initials(&fit, runs, &thetas, options, work)?;
+            fit.doubted_initials = doubted_initials(&fit, &Attempt { starts: &thetas, ..*attempt })?;
             match fit.loss.is_squares() && fit.noise_of_samples.is_empty() {
                 true if options.options.colour => {
-                    fit.interpolations = compare(&fit, runs, &thetas, options, work);
+                    fit.interpolations = compare(&fit, &Attempt { starts: &thetas, ..*attempt });
                 }
                 true => {}
                 false => fit.uncompared_inputs = uncompared(&fit.model, runs),
@@ -204,11 +199,11 @@ pub fn examined(
     let sound = fit.estimate.termination.is_good();
     if options.confidence && sound && work.stopped().is_none() {
         work.doing("fitting shorter records");
-        fit.by_length = fit_shorter_records(&fit, runs, starts, options, work)?;
+        fit.by_length = fit_shorter_records(&fit, attempt)?;
     }
     if options.reweight && sound && work.stopped().is_none() {
         work.doing("fitting with other weights");
-        fit.reweighting = refit_with_weights(&fit, runs, starts, options, work)?;
+        fit.reweighting = refit_with_weights(&fit, attempt)?;
     }
     Ok(fit)
 }

@@ -1,12 +1,11 @@
 //! Weights of smooth tables by validation: how well fits of some runs predict the others.
 
+use super::attempt::{Attempt, after};
 use super::error::FitError;
 use super::options::FitOptions;
-use super::single::{after, single_fit};
+use super::single::single_fit;
 use crate::method::SmoothBy;
 use crate::problem::Options;
-use crate::work::Work;
-use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::Simulator;
 
@@ -20,21 +19,16 @@ const MOST_PARTS: usize = 5;
 ///
 /// # Errors
 /// As for [`single_fit`].
-pub(crate) fn weights_by_validation(
-    model: &Model,
-    runs: &[Run],
-    starts: &[Vec<f64>],
-    options: &FitOptions,
-    work: &Work<'_>,
-) -> Result<Option<Vec<f64>>, FitError> {
+pub(crate) fn weights_by_validation(attempt: &Attempt<'_>) -> Result<Option<Vec<f64>>, FitError> {
+    let Attempt { model, runs, options, work, .. } = *attempt;
     let by = |smooth_by: SmoothBy| {
         let options_of = Options { smooth_by, colour: false, ..options.options.clone() };
         FitOptions { options: options_of, ..options.clone() }
     };
-    let all = single_fit(model, runs, starts, &by(SmoothBy::Likelihood), work)?;
+    let all = single_fit(&Attempt { options: &by(SmoothBy::Likelihood), ..*attempt })?;
     let likeliest: Vec<f64> = all.estimate.smoothing.iter().flat_map(|s| s.weights.iter().copied()).collect();
     let Some(noise) = all.estimate.noise.as_ref().filter(|_| !likeliest.is_empty()) else { return Ok(None) };
-    let known = after(model, runs, &all.estimate, starts);
+    let known = attempt.reached(&all.estimate);
     let parts = runs.len().min(MOST_PARTS);
     let mut best = (f64::INFINITY, likeliest.clone());
     for factor in FACTORS.map(|power| 10f64.powf(power)) {
@@ -48,7 +42,8 @@ pub(crate) fn weights_by_validation(
             let stays = |k: &usize| k % parts != part;
             let train: Vec<Run> = (0..runs.len()).filter(stays).map(|k| runs[k].clone()).collect();
             let begin: Vec<Vec<f64>> = (0..runs.len()).filter(stays).map(|k| known[k].clone()).collect();
-            let fit = single_fit(model, &train, &begin, &by(SmoothBy::Weights(weights.clone())), work)?;
+            let by_weights = by(SmoothBy::Weights(weights.clone()));
+            let fit = single_fit(&Attempt { runs: &train, starts: &begin, options: &by_weights, ..*attempt })?;
             for k in (0..runs.len()).filter(|k| !stays(k)) {
                 let theta = &after(model, &runs[k..=k], &fit.estimate, &known[k..=k])[0];
                 let Some(accuracy) = all.integration.get(k) else { continue };

@@ -2,6 +2,7 @@
 //!
 //! **In** a model, runs, start values, options. **Out** a [`fit::Fit`]. **Start** at [`single`].
 
+pub(super) mod attempt;
 pub(super) mod cross_validation;
 pub(super) mod defect;
 pub(super) mod error;

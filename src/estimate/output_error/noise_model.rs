@@ -1,10 +1,11 @@
 //! A fit in which the noise of outputs is an expression (`noise y = 0.02 + 0.1*abs(y);`): the likelihood of everything, its parameters among them, from the
 //! estimates of a fit whose noise is of one size.
 
+use super::attempt::{Attempt, after};
 use super::error::{FitError, StrategyError};
 use super::fit::{Fit, NoiseOfSamples};
 use super::options::FitOptions;
-use super::single::{after, chosen_steps};
+use super::single::chosen_steps;
 use super::standardised::Standardised;
 use crate::degenerate::{Degeneracy, passes_zero, tells_no_variance};
 use crate::derived::DerivedQuantities;
@@ -150,26 +151,23 @@ pub(crate) fn without_output_noise(model: &Model) -> Model {
     model.with_params(params)
 }
 
-/// A fit by the likelihood with `deviations` (q) from each of `places` (all parameters of each run), of which the likeliest is kept; `model` has the
-/// changes in `options`. One place is where the fit by noise of one size has ended, `first`: that noise says nothing of where the likelihood of the
+/// A fit by the likelihood with `deviations` (q) from each of `places` (all parameters of each run) in place of the start values, of which
+/// the likeliest is kept. One place is where the fit by noise of one size has ended, `first`: that noise says nothing of where the likelihood of the
 /// stated one is greatest, and a deviation that may vanish stands between the two as a wall. The last place is told of where none leads anywhere.
 ///
 /// # Errors
 /// [`FitError`], as any fit, where no place is possible.
 pub(crate) fn fit_noise_model(
-    model: &Model,
-    runs: &[Run],
+    attempt: &Attempt<'_>,
     places: &[Vec<Vec<f64>>],
     (first, deviations): (Fit, &[Option<usize>]),
-    options: &FitOptions,
-    work: &Work<'_>,
 ) -> Result<Fit, FitError> {
+    let Attempt { model, work, .. } = *attempt;
     let definition = model.definition().with_precisions();
     let Some(whole) = definition.map(|definition| model.altered(definition)) else { return Ok(first) };
     let (mut best, mut refused) = (None::<Fit>, None);
     for (k, place) in places.iter().enumerate() {
-        let asked = (model, &whole, deviations, options);
-        let found = from_place(asked, runs, place, &first, work);
+        let found = from_place(&Attempt { starts: place, ..*attempt }, (&whole, deviations), &first);
         let ended = found.is_err() || matches!(&found, Ok(Some(fit)) if !fit.estimate.termination.is_stopped());
         match found {
             Ok(Some(fit)) => {
@@ -197,15 +195,14 @@ pub(crate) fn fit_noise_model(
 
 /// The fit from one place; none where its steps were not chosen in time.
 fn from_place(
-    (model, whole, deviations, options): (&Model, &Model, &[Option<usize>], &FitOptions),
-    runs: &[Run],
-    place: &[Vec<f64>],
+    place: &Attempt<'_>,
+    (whole, deviations): (&Model, &[Option<usize>]),
     first: &Fit,
-    work: &Work<'_>,
 ) -> Result<Option<Fit>, FitError> {
-    let mut starts = place.to_vec();
+    let Attempt { model, runs, options, work, .. } = *place;
+    let mut starts = place.starts.to_vec();
     let was_stopped = work.halted().is_some();
-    let integration = steps(whole, runs, &starts, options, work)?;
+    let integration = steps(&Attempt { model: whole, ..*place })?;
     if work.halted().is_some() && !was_stopped {
         return Ok(None);
     }
@@ -229,17 +226,12 @@ const PARTS: usize = 16;
 const MOST_NUMBERS: usize = 1 << 22;
 
 /// Steps of each run for outputs and deviations.
-fn steps(
-    whole: &Model,
-    runs: &[Run],
-    starts: &[Vec<f64>],
-    options: &FitOptions,
-    work: &Work<'_>,
-) -> Result<Vec<Accuracy>, FitError> {
-    let Some(per_interval) = options.per_interval else { return chosen_steps(whole, runs, starts, options, work) };
+fn steps(whole: &Attempt<'_>) -> Result<Vec<Accuracy>, FitError> {
+    let Attempt { model, runs, starts, options, .. } = *whole;
+    let Some(per_interval) = options.per_interval else { return chosen_steps(whole) };
     let steps = Steps::equal(options.scheme.unwrap_or_default(), per_interval);
     let one = |(run, theta): (&Run, &Vec<f64>)| {
-        let error = integration_error(whole.dynamics(), run, theta, steps.clone());
+        let error = integration_error(model.dynamics(), run, theta, steps.clone());
         Ok(Accuracy { steps: steps.clone(), error: error.map_err(|e| FitError::unsuited(run, e))? })
     };
     runs.iter().zip(starts).map(one).collect()

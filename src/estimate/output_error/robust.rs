@@ -5,11 +5,11 @@
 //! 7.6). So each round is a fit of squares to pseudo-values, and the last one has errors that hold whatever the law of the noise, its colour corrected for.
 //! While the rounds move far, c is the steepest slope: then no round leads uphill.
 
+use super::attempt::Attempt;
 use super::error::{FitError, StrategyError};
 use super::fit::Fit;
 use super::loss::Loss;
 use super::options::FitOptions;
-use super::single::after;
 use crate::derived::DerivedQuantities;
 use crate::estimate::{Estimate, ParameterEstimate, RunFit};
 use crate::noise::Noise;
@@ -17,8 +17,6 @@ use crate::problem::{Options, Problem, ProblemRun};
 use crate::residuals::OutputFit;
 use crate::solve::estimate;
 use crate::termination::Termination;
-use crate::work::Work;
-use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::Simulator;
 use std::f64::consts::TAU;
@@ -32,18 +30,12 @@ const NEAR: f64 = 0.3;
 /// Median of the absolute values of a standard normal deviate.
 const MEDIAN: f64 = 0.674_489_750_196_081_7;
 
-/// A fit by the loss in `options`, from the estimates of `first`; `model` has the changes in `options`.
+/// A fit by the loss that was asked for, from the estimates of `first`.
 ///
 /// # Errors
 /// [`FitError`], as any fit; a loss that cannot be followed.
-pub(crate) fn fit_robust(
-    model: &Model,
-    runs: &[Run],
-    starts: &[Vec<f64>],
-    first: Fit,
-    options: &FitOptions,
-    work: &Work<'_>,
-) -> Result<Fit, FitError> {
+pub(crate) fn fit_robust(attempt: &Attempt<'_>, first: Fit) -> Result<Fit, FitError> {
+    let Attempt { model, runs, options, .. } = *attempt;
     let loss = options.loss;
     let q = model.definition().outputs.len();
     let mut fit = Fit { loss, ..first };
@@ -63,10 +55,9 @@ pub(crate) fn fit_robust(
         let slopes: Vec<f64> = (0..q).map(|o| slope(loss, &residuals(&fit.estimate, o, q), scales[o], near)).collect();
         let pseudo = |run: &RunFit| pseudo_values(loss, run, (&scales, &slopes), q);
         let values: Vec<Vec<f64>> = fit.estimate.runs.iter().map(pseudo).collect();
-        let from = after(model, runs, &fit.estimate, starts);
-        let fitting = Fitting { model, runs, starts: &from, fit: &fit };
+        let fitting = Fitting { from: Attempt { starts: &attempt.reached(&fit.estimate), ..*attempt }, fit: &fit };
         let plain = Options { noise: Noise::Diagonal, colour: false, ..options.options.clone() };
-        let mut found = fitting.estimate(&values, &plain, work)?;
+        let mut found = fitting.estimate(&values, &plain)?;
         if !found.termination.is_good() {
             fit.estimate = with_own(found, runs, (loss, &scales), q);
             return Ok(fit);
@@ -76,7 +67,7 @@ pub(crate) fn fit_robust(
         if settled || last {
             // once more with everything that is told of a result
             let full = Options { noise: Noise::Diagonal, ..options.options.clone() };
-            found = fitting.estimate(&values, &full, work)?;
+            found = fitting.estimate(&values, &full)?;
             if !settled {
                 found.termination = Termination::IterationLimit;
             }
@@ -104,27 +95,26 @@ pub(crate) fn mistake(options: &FitOptions, noise_is_modelled: bool) -> Option<S
 }
 
 struct Fitting<'f> {
-    model: &'f Model,
-    runs: &'f [Run],
-    starts: &'f [Vec<f64>],
+    from: Attempt<'f>,
     fit: &'f Fit,
 }
 
 impl Fitting<'_> {
     /// Squares of pseudo-values (N by q for each run).
-    fn estimate(&self, values: &[Vec<f64>], options: &Options, work: &Work<'_>) -> Result<Estimate, FitError> {
-        let mut prepared = Vec::with_capacity(self.runs.len());
-        for (r, (run, theta)) in self.runs.iter().zip(self.starts).enumerate() {
+    fn estimate(&self, values: &[Vec<f64>], options: &Options) -> Result<Estimate, FitError> {
+        let Attempt { model, runs, starts, work, .. } = self.from;
+        let mut prepared = Vec::with_capacity(runs.len());
+        for (r, (run, theta)) in runs.iter().zip(starts).enumerate() {
             let steps = self.fit.integration[r].steps.clone();
-            let simulator = Simulator::new(self.model.dynamics(), run, steps);
+            let simulator = Simulator::new(model.dynamics(), run, steps);
             let mut simulator = simulator.map_err(|e| FitError::unsuited(run, e))?;
             simulator.suits(theta).map_err(|e| FitError::unsuited(run, e))?;
             let (name, measured, start) = (run.name.clone(), values[r].clone(), theta.clone());
             prepared.push(ProblemRun { name, response: Box::new(simulator), measured, start });
         }
-        let derived = DerivedQuantities::of(self.model.definition(), self.model.dynamics());
-        let mut problem = Problem::new(self.model.definition(), prepared, derived);
-        if let Some(first) = self.starts.first() {
+        let derived = DerivedQuantities::of(model.definition(), model.dynamics());
+        let mut problem = Problem::new(model.definition(), prepared, derived);
+        if let Some(first) = starts.first() {
             problem.params.iter_mut().zip(first).filter(|(p, _)| !p.per_run).for_each(|(p, v)| p.value = *v);
         }
         estimate(&mut problem, options, work).map_err(FitError::Problem)

@@ -2,6 +2,7 @@
 //!
 //! Start values are all parameters of each run, from the model, the data, or an estimate before.
 
+use super::attempt::{Attempt, after};
 use crate::changes::Changes;
 use crate::derived::DerivedQuantities;
 use crate::estimate::{Estimate, RunFit};
@@ -9,10 +10,8 @@ use crate::initial::initial_guess;
 use crate::output_error::error::FitError;
 use crate::output_error::fit::Fit;
 use crate::output_error::integration_fault::{IntegrationFault, is_moving};
-use crate::output_error::options::FitOptions;
 use crate::problem::{Problem, ProblemRun};
 use crate::solve::estimate;
-use crate::work::Work;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::{
@@ -35,22 +34,6 @@ fn start(model: &Model, run: &Run, changes: &Changes) -> Vec<f64> {
     theta
 }
 
-/// The estimates as start values; `starts` where nothing was estimated.
-pub(crate) fn after(model: &Model, runs: &[Run], estimate: &Estimate, starts: &[Vec<f64>]) -> Vec<Vec<f64>> {
-    runs.iter().zip(starts).map(|(run, start)| at(model, estimate, &run.name, start)).collect()
-}
-
-/// All parameters of a run at the estimates.
-fn at(model: &Model, estimate: &Estimate, run: &str, start: &[f64]) -> Vec<f64> {
-    let params = model.definition().params.iter().zip(start);
-    params
-        .map(|(p, start)| {
-            let owner = p.per_run.then_some(run);
-            estimate.parameter(&p.quantity.name, owner).map_or(*start, |e| e.value)
-        })
-        .collect()
-}
-
 /// The model with the changes that were asked for.
 ///
 /// # Errors
@@ -68,25 +51,20 @@ pub(crate) const MOST_ROUNDS: usize = 6;
 /// ordinary differential equations II, IV.3).
 const EXPLICIT_ROUNDS: usize = 2;
 
-/// Estimates from `starts` (all parameters of each run). Steps are chosen at the start values and then kept, so that the
+/// Estimates from the start values. Steps are chosen at the start values and then kept, so that the
 /// derivatives are exact; when they turn out too coarse at the estimates, the fit goes on from there with finer ones, again and again.
 ///
 /// # Errors
 /// [`FitError`] as for [`fit`](super::fit()).
-pub(crate) fn single_fit(
-    model: &Model,
-    runs: &[Run],
-    starts: &[Vec<f64>],
-    options: &FitOptions,
-    work: &Work<'_>,
-) -> Result<Fit, FitError> {
-    let mut starts = starts.to_vec();
+pub(crate) fn single_fit(attempt: &Attempt<'_>) -> Result<Fit, FitError> {
+    let Attempt { model, runs, options, work, .. } = *attempt;
+    let mut starts = attempt.starts.to_vec();
     let was_stopped = work.halted().is_some();
     let mut steps = match options.per_interval {
         Some(per_interval) => vec![Steps::equal(options.scheme.unwrap_or_default(), per_interval); runs.len()],
         None => match options.shared_steps.steps(model, runs, &starts) {
             Some(steps) => steps,
-            None => chosen_steps(model, runs, &starts, options, work)?.into_iter().map(|a| a.steps).collect(),
+            None => chosen_steps(attempt)?.into_iter().map(|a| a.steps).collect(),
         },
     };
     // what ends the choice of the steps leaves the start values with rough ones, which may be unable to follow the model
@@ -95,7 +73,8 @@ pub(crate) fn single_fit(
     let mut before: Option<Fit> = None;
     loop {
         let smoothness = before.as_ref().map_or(Vec::new(), |fit| weights(&fit.estimate));
-        let mut estimate = correct(model, runs, (&starts, smoothness), &steps, options, work)?;
+        let from_here = Attempt { starts: &starts, ..*attempt };
+        let mut estimate = correct(&from_here, smoothness, &steps)?;
         // what these steps cannot follow leaves the result of those before, whose integration error says what it is worth
         if let Some(fit) = before.filter(|_| estimate.cost.is_none()) {
             return Ok(fit);
@@ -103,7 +82,7 @@ pub(crate) fn single_fit(
         if let Some(stop) = cut.filter(|_| !estimate.termination.is_stopped()) {
             estimate.termination = stop.into();
         }
-        let reached = after(model, runs, &estimate, &starts);
+        let reached = from_here.reached(&estimate);
         if options.bare && options.per_interval.is_some() {
             let unjudged = steps.into_iter().map(|steps| Accuracy { steps, error: f64::NAN }).collect();
             return Ok(Fit::new(model.clone(), estimate, unjudged));
@@ -117,7 +96,7 @@ pub(crate) fn single_fit(
         let finer = if last {
             steps.clone()
         } else {
-            let chosen = chosen_again(model, runs, &reached, (options, round >= EXPLICIT_ROUNDS), work)?;
+            let chosen = chosen_again(&Attempt { starts: &reached, ..*attempt }, round >= EXPLICIT_ROUNDS)?;
             finer(&steps, &integration, chosen, coarse)
         };
         // where halving does not help there are kinks, or a response on the edge of divergence
@@ -149,20 +128,15 @@ fn finer(steps: &[Steps], integration: &[Accuracy], chosen: Vec<Accuracy>, coars
 
 /// Method and steps for values that were reached with steps that are too coarse for them; by the implicit method where that is asked for,
 /// suits the model and is no worse than was hoped for.
-fn chosen_again(
-    model: &Model,
-    runs: &[Run],
-    reached: &[Vec<f64>],
-    (options, implicit): (&FitOptions, bool),
-    work: &Work<'_>,
-) -> Result<Vec<Accuracy>, FitError> {
-    let mut chosen = chosen_steps(model, runs, reached, options, work)?;
+fn chosen_again(reached: &Attempt<'_>, implicit: bool) -> Result<Vec<Accuracy>, FitError> {
+    let Attempt { model, runs, starts, options, work } = *reached;
+    let mut chosen = chosen_steps(reached)?;
     if !implicit || options.scheme.is_some() {
         return Ok(chosen);
     }
     let coarse = options.shared_steps.coarse(options.accuracy);
     let radau = StepOptions { scheme: Some(Scheme::Radau), halt: work.halt_from_here(), ..StepOptions::default() };
-    for ((run, theta), chosen) in runs.iter().zip(reached).zip(&mut chosen) {
+    for ((run, theta), chosen) in runs.iter().zip(starts).zip(&mut chosen) {
         // a model that it does not suit keeps what it has
         if let Ok(stable) = choose_steps(model.dynamics(), run, theta, &radau.to(options.accuracy))
             && stable.error <= coarse.max(chosen.error)
@@ -175,13 +149,8 @@ fn chosen_again(
 
 /// Method and steps of each run for these values, as accurate as was asked for. What stops the work while they are sought leaves rough
 /// ones.
-pub(crate) fn chosen_steps(
-    model: &Model,
-    runs: &[Run],
-    starts: &[Vec<f64>],
-    options: &FitOptions,
-    work: &Work<'_>,
-) -> Result<Vec<Accuracy>, FitError> {
+pub(crate) fn chosen_steps(attempt: &Attempt<'_>) -> Result<Vec<Accuracy>, FitError> {
+    let Attempt { model, runs, starts, options, work } = *attempt;
     let halt = work.halt_from_here();
     let steps = |(run, theta): (&Run, &Vec<f64>)| {
         let chosen = StepOptions { scheme: options.scheme, halt, ..StepOptions::default() };
@@ -192,14 +161,8 @@ pub(crate) fn chosen_steps(
 }
 
 /// Runs the iteration once.
-fn correct(
-    model: &Model,
-    runs: &[Run],
-    (starts, smoothness): (&[Vec<f64>], Vec<f64>),
-    steps: &[Steps],
-    options: &FitOptions,
-    work: &Work<'_>,
-) -> Result<Estimate, FitError> {
+fn correct(attempt: &Attempt<'_>, smoothness: Vec<f64>, steps: &[Steps]) -> Result<Estimate, FitError> {
+    let Attempt { model, runs, starts, options, work } = *attempt;
     let mut prepared = Vec::with_capacity(runs.len());
     for ((run, theta), steps) in runs.iter().zip(starts).zip(steps) {
         let simulator = Simulator::new(model.dynamics(), run, steps.clone());

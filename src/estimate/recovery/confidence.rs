@@ -4,14 +4,13 @@
 
 use crate::estimate::ParameterEstimate;
 use crate::noise::Noise;
+use crate::output_error::attempt::{Attempt, after};
 use crate::output_error::error::FitError;
 use crate::output_error::fit::{Fit, LengthFit, Reweighting, Variation, Weight};
 use crate::output_error::options::FitOptions;
-use crate::output_error::single::after;
 use crate::problem::Options;
 use crate::recovery::continuation::Length;
 use crate::recovery::fallback::refit;
-use crate::work::Work;
 use fdm_system::record::Run;
 use serde::{Deserialize, Serialize};
 
@@ -20,13 +19,8 @@ const LENGTHS: usize = 10;
 
 /// Fits a finished fit's model to shorter and shorter parts of its runs, each from the estimates of the one before; the
 /// shortest comes first in what is given back. What is too short to determine anything is left out.
-pub(crate) fn fit_shorter_records(
-    fit: &Fit,
-    runs: &[Run],
-    starts: &[Vec<f64>],
-    options: &FitOptions,
-    work: &Work<'_>,
-) -> Result<Vec<LengthFit>, FitError> {
+pub(crate) fn fit_shorter_records(fit: &Fit, attempt: &Attempt<'_>) -> Result<Vec<LengthFit>, FitError> {
+    let Attempt { runs, starts, options, work, .. } = *attempt;
     let mut found = vec![LengthFit::new(runs, fit)];
     let mut starts = after(&fit.model, runs, &fit.estimate, starts);
     let inner = Options { colour: false, ..options.options.clone() };
@@ -37,7 +31,7 @@ pub(crate) fn fit_shorter_records(
         if cells <= found[0].parameters.len() {
             break;
         }
-        let shorter = refit(fit, &parts, &starts, options, work)?;
+        let shorter = refit(fit, &Attempt { runs: &parts, starts: &starts, options, ..*attempt })?;
         if work.stop_after(&shorter.estimate.termination).is_some() || shorter.estimate.cost.is_none() {
             break;
         }
@@ -101,13 +95,8 @@ fn settling(whole: &ParameterEstimate, late: &[&LengthFit]) -> LengthSensitivity
 
 /// Refits with the noise of each output halved and doubled, and each output left out. None when there is nothing to vary:
 /// the fit went wrong, or its data have no noise.
-pub(crate) fn refit_with_weights(
-    fit: &Fit,
-    runs: &[Run],
-    starts: &[Vec<f64>],
-    options: &FitOptions,
-    work: &Work<'_>,
-) -> Result<Option<Reweighting>, FitError> {
+pub(crate) fn refit_with_weights(fit: &Fit, attempt: &Attempt<'_>) -> Result<Option<Reweighting>, FitError> {
+    let Attempt { runs, starts, options, .. } = *attempt;
     let Some(noise) = fit.estimate.noise.as_ref().filter(|_| fit.estimate.noise_free.is_empty()) else {
         return Ok(None);
     };
@@ -120,7 +109,8 @@ pub(crate) fn refit_with_weights(
     let starts = after(&fit.model, runs, &fit.estimate, starts);
     let with = |deviations: &[Option<f64>], runs: &[Run]| {
         let options = Options { noise: Noise::Given(deviations.to_vec()), colour: false, ..options.options.clone() };
-        refit(fit, runs, &starts, &FitOptions { options, ..FitOptions::default() }, work)
+        let options = &FitOptions { options, ..FitOptions::default() };
+        refit(fit, &Attempt { runs, starts: &starts, options, ..*attempt })
     };
     let base = with(&deviations, runs)?;
     let known = |p: &&ParameterEstimate| p.start.is_some() && p.standard_error.is_some();

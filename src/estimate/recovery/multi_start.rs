@@ -2,10 +2,10 @@
 
 use crate::degenerate::Degeneracy;
 use crate::estimate::{ParameterEstimate, Status};
+use crate::output_error::attempt::{Attempt, after};
 use crate::output_error::error::FitError;
 use crate::output_error::fit::Fit;
 use crate::output_error::options::{Continuation, FitOptions};
-use crate::output_error::single::after;
 use crate::problem::Options;
 use crate::recovery::completion::completed;
 use crate::recovery::fallback::attempt;
@@ -55,25 +55,23 @@ struct Ended {
     error: Option<FitError>,
 }
 
-/// Attempts a fit from every start, on all threads; the same bits for any number of them. The model comes with the parameters of its noise held, and as
-/// it was given.
+/// Attempts a fit from every start, on all threads; the same bits for any number of them. The model has the parameters of its noise held;
+/// `whole` is the one that was given.
 ///
 /// # Errors
 /// [`FitError`] when no start could be attempted.
 pub(crate) fn many_starts(
-    (model, whole): (&Model, &Model),
-    runs: &[Run],
-    given: &[Vec<f64>],
-    options: &FitOptions,
+    attempt: &Attempt<'_>,
+    whole: &Model,
     ledger: &CheckpointWriter<'_>,
-    work: &Work<'_>,
 ) -> Result<Starts, FitError> {
+    let attempt = &Attempt { options: &of_each(attempt.options), ..*attempt };
+    let Attempt { model, starts: given, options, work, .. } = *attempt;
     let count = options.starts.count;
-    let options = &of_each(options);
     let spread = Spread::new(model, given, options.starts.seed);
     let done = AtomicUsize::new(0);
     let one = |k: usize| {
-        let ended = one_start((model, whole), runs, &spread, (k, options), ledger, work)?;
+        let ended = one_start(attempt, whole, &spread, k, ledger)?;
         work.start_ended(&ended.summary, 1 + done.fetch_add(1, Ordering::Relaxed), count);
         Some(ended)
     };
@@ -82,9 +80,7 @@ pub(crate) fn many_starts(
     let Some(best) = best(&ended) else {
         // the error of a start that was not possible is not kept with what came out of it
         let impossible = ended.iter_mut().find(|e| e.summary.termination.is_none());
-        let again = |number: usize| {
-            one_start((model, whole), runs, &spread, (number - 1, options), &CheckpointWriter::new(None), work)?.error
-        };
+        let again = |number: usize| one_start(attempt, whole, &spread, number - 1, &CheckpointWriter::new(None))?.error;
         let first = impossible.and_then(|e| e.error.take().or_else(|| again(e.summary.number)));
         return match first {
             Some(error) => Err(error),
@@ -102,7 +98,7 @@ pub(crate) fn many_starts(
     let mut start = std::mem::take(&mut ended[best].start);
     let reached = Some(ended[best].summary.reached.clone()).filter(|reached| !reached.is_empty());
     if start.is_empty() {
-        start = screened(model, runs, &spread, number - 1, options, work);
+        start = screened(attempt, &spread, number - 1);
     }
     let summaries = ended.into_iter().map(|e| e.summary).collect();
     Ok(Starts { summaries, start, number, states, reached })
@@ -151,8 +147,9 @@ impl StartSearch {
     pub fn once(&self, number: usize, halt: &Halt) -> Option<Vec<u8>> {
         let spread = Spread::new(&self.model, &self.given, self.options.starts.seed);
         let nothing = CheckpointWriter::new(None);
-        let models = (&self.model, &self.whole);
-        let ended = one_start(models, &self.runs, &spread, (number - 1, &self.options), &nothing, &Work::until(halt))?;
+        let Self { model, runs, given: starts, options, .. } = self;
+        let attempt = Attempt { model, runs, starts, options, work: &Work::until(halt) };
+        let ended = one_start(&attempt, &self.whole, &spread, number - 1, &nothing)?;
         if !halt.goes_on() || ended.summary.termination.as_ref().is_some_and(Termination::is_stopped) {
             return None;
         }
@@ -161,13 +158,13 @@ impl StartSearch {
 }
 
 fn one_start(
-    (model, whole): (&Model, &Model),
-    runs: &[Run],
+    given: &Attempt<'_>,
+    whole: &Model,
     spread: &Spread<'_>,
-    (k, options): (usize, &FitOptions),
+    k: usize,
     ledger: &CheckpointWriter<'_>,
-    work: &Work<'_>,
 ) -> Option<Ended> {
+    let Attempt { runs, options, work, .. } = *given;
     if !work.goes_on() {
         return None;
     }
@@ -177,7 +174,7 @@ fn one_start(
     if let Some(summary) = kept.summary {
         return Some(Ended { summary, start: Vec::new(), states: kept.states, error: None });
     }
-    let start = screened(model, runs, spread, k, options, work);
+    let start = screened(given, spread, k);
     // half a search is no start
     if k > 0 && !work.goes_on() {
         return None;
@@ -185,10 +182,11 @@ fn one_start(
     let budget = Budget::new(work, options.options.total);
     let states = EstimationStates::new(ledger, name.clone(), kept.states).remembering();
     let own = work.of_start(number).within(&budget);
-    let attempted = attempt(model, runs, &start, options, &own.with_states(&states));
+    let from_here = Attempt { starts: &start, work: &own, ..*given };
+    let attempted = attempt(&Attempt { work: &own.with_states(&states), ..from_here });
     let states = states.into_states();
     // the noise that is stated, or another loss, is compared, and not what leads there
-    let attempted = attempted.and_then(|fit| completed(whole, runs, (&start, None), fit, options, &own));
+    let attempted = attempted.and_then(|fit| completed(&Attempt { model: whole, ..from_here }, None, fit));
     let (summary, error) = match attempted {
         Ok(fit) => (summary(number, &fit, runs, &start), None),
         Err(error) => (impossible(number, &error), Some(error)),

@@ -5,8 +5,9 @@
 
 use crate::derived::DerivedQuantities;
 use crate::noise::Noise;
+use crate::output_error::attempt::Attempt;
 use crate::output_error::options::FitOptions;
-use crate::output_error::single::{after, chosen_steps, single_fit};
+use crate::output_error::single::{chosen_steps, single_fit};
 use crate::problem::{Options, Problem, ProblemRun};
 use crate::recovery::magnitudes::{self, Magnitudes};
 use crate::recovery::spread::Spread;
@@ -32,46 +33,32 @@ const IMPLICIT: usize = 4;
 const MOST_WORK: usize = 1 << 20;
 
 /// The start with a number from 0; the same for every count of starts and of threads. A search that is stopped gives what it has.
-pub(crate) fn screened(
-    model: &Model,
-    runs: &[Run],
-    spread: &Spread<'_>,
-    number: usize,
-    options: &FitOptions,
-    work: &Work<'_>,
-) -> Vec<Vec<f64>> {
+pub(crate) fn screened(attempt: &Attempt<'_>, spread: &Spread<'_>, number: usize) -> Vec<Vec<f64>> {
+    let Attempt { model, runs, options, work, .. } = *attempt;
     let own = spread.start(number);
     if number == 0 {
         return own;
     }
     if spread.is_wide() {
-        return Crowd {
-            model,
-            runs,
-            options,
-            work: work.quiet(),
-            levels: magnitudes::levels(runs, model.definition().outputs.len()),
-        }
-        .best(spread, number);
+        let levels = magnitudes::levels(runs, model.definition().outputs.len());
+        return Crowd { attempt: Attempt { work: &work.quiet(), ..*attempt }, levels }.best(spread, number);
     }
     let usable = |start: &Vec<Vec<f64>>| is_usable(model, runs, start, options);
     // the fit chooses steps with more care
     let chosen = || {
-        chosen_steps(model, runs, &own, options, &Work::default()).is_ok_and(|c| c.iter().all(|a| a.error.is_finite()))
+        let chosen = chosen_steps(&Attempt { starts: &own, work: &Work::default(), ..*attempt });
+        chosen.is_ok_and(|c| c.iter().all(|a| a.error.is_finite()))
     };
     if usable(&own) || chosen() {
         return own;
     }
-    let others = (1..=REDRAWN).map(|attempt| spread.instead(number, attempt));
+    let others = (1..=REDRAWN).map(|again| spread.instead(number, again));
     others.into_iter().find(usable).unwrap_or(own)
 }
 
 /// Many starts, of which one is wanted.
 struct Crowd<'c> {
-    model: &'c Model,
-    runs: &'c [Run],
-    options: &'c FitOptions,
-    work: Work<'c>,
+    attempt: Attempt<'c>,
     /// Of magnitudes (q).
     levels: Vec<f64>,
 }
@@ -99,7 +86,7 @@ impl Crowd<'_> {
             })
             .collect();
         // iterations that were counted belong to the fits
-        let rounds = if self.options.options.total.is_none() { &ROUNDS[..] } else { &[] };
+        let rounds = if self.attempt.options.options.total.is_none() { &ROUNDS[..] } else { &[] };
         for (share, iterations) in rounds {
             keep(&mut members, count.div_ceil(*share));
             members = members.into_par_iter().map(|member| self.improved(member, *iterations)).collect();
@@ -114,33 +101,36 @@ impl Crowd<'_> {
     /// Numbers that one evaluation with sensitivities takes.
     fn operations(&self, start: &[Vec<f64>]) -> usize {
         let steps = self.steps(start);
-        let total: usize = steps.iter().zip(self.runs).map(|(steps, run)| steps.total(run.len())).sum();
-        let layout = self.model.layout();
+        let total: usize = steps.iter().zip(self.attempt.runs).map(|(steps, run)| steps.total(run.len())).sum();
+        let layout = self.attempt.model.layout();
         total * layout.states.max(1) * (1 + layout.params)
     }
 
     /// Steps that tell where a response runs away, and about how large it is.
     fn steps(&self, start: &[Vec<f64>]) -> Vec<Steps> {
-        let FitOptions { per_interval, scheme, shared_steps, .. } = self.options;
-        let implicit = || vec![Steps::equal(Scheme::Radau, IMPLICIT); self.runs.len()];
-        let total = |steps: &[Steps]| steps.iter().zip(self.runs).map(|(s, run)| s.total(run.len())).sum::<usize>();
+        let FitOptions { per_interval, scheme, shared_steps, .. } = self.attempt.options;
+        let implicit = || vec![Steps::equal(Scheme::Radau, IMPLICIT); self.attempt.runs.len()];
+        let total =
+            |steps: &[Steps]| steps.iter().zip(self.attempt.runs).map(|(s, run)| s.total(run.len())).sum::<usize>();
         let few = |steps: &Vec<Steps>| total(steps) <= total(&implicit());
-        let given = || per_interval.map(|n| vec![Steps::equal(scheme.unwrap_or_default(), n); self.runs.len()]);
-        given().or_else(|| shared_steps.steps(self.model, self.runs, start).filter(few)).unwrap_or_else(implicit)
+        let given = || per_interval.map(|n| vec![Steps::equal(scheme.unwrap_or_default(), n); self.attempt.runs.len()]);
+        given()
+            .or_else(|| shared_steps.steps(self.attempt.model, self.attempt.runs, start).filter(few))
+            .unwrap_or_else(implicit)
     }
 
     /// The problem of magnitudes; none where a run cannot be simulated.
     fn problem(&self, start: &[Vec<f64>]) -> Option<Problem<'_>> {
-        let mut prepared = Vec::with_capacity(self.runs.len());
-        for ((run, theta), steps) in self.runs.iter().zip(start).zip(self.steps(start)) {
-            let mut simulator = Simulator::new(self.model.dynamics(), run, steps).ok()?;
+        let mut prepared = Vec::with_capacity(self.attempt.runs.len());
+        for ((run, theta), steps) in self.attempt.runs.iter().zip(start).zip(self.steps(start)) {
+            let mut simulator = Simulator::new(self.attempt.model.dynamics(), run, steps).ok()?;
             simulator.suits(theta).ok()?;
             let response = Box::new(Magnitudes::new(simulator, &self.levels));
             let measured = magnitudes::of(&run.measured, &self.levels);
             prepared.push(ProblemRun { name: run.name.clone(), response, measured, start: theta.clone() });
         }
-        let definition = self.model.definition();
-        let derived = DerivedQuantities::of(definition, self.model.dynamics());
+        let definition = self.attempt.model.definition();
+        let derived = DerivedQuantities::of(definition, self.attempt.model.dynamics());
         let mut problem = Problem { affine: Vec::new(), ..Problem::new(definition, prepared, derived) };
         for (k, param) in problem.params.iter_mut().enumerate() {
             param.logarithmic |= param.lower > 0.0 && param.spans_decades();
@@ -158,12 +148,12 @@ impl Crowd<'_> {
     }
 
     fn improved(&self, (cost, start): Member, iterations: usize) -> Member {
-        let Some(mut problem) = self.problem(&start).filter(|_| self.work.goes_on() && cost.is_finite()) else {
+        let Some(mut problem) = self.problem(&start).filter(|_| self.attempt.work.goes_on() && cost.is_finite()) else {
             return (cost, start);
         };
-        match estimate(&mut problem, &self.by_magnitude(iterations), &self.work) {
+        match estimate(&mut problem, &self.by_magnitude(iterations), self.attempt.work) {
             Ok(found) => match found.cost.filter(|found| *found < cost) {
-                Some(reached) => (reached, after(self.model, self.runs, &found, &start)),
+                Some(reached) => (reached, Attempt { starts: &start, ..self.attempt }.reached(&found)),
                 None => (cost, start),
             },
             Err(_) => (cost, start),
@@ -172,15 +162,16 @@ impl Crowd<'_> {
 
     /// By what is fitted; the cost is that.
     fn fitted(&self, (_, start): Member) -> Member {
-        if !self.work.goes_on() {
+        if !self.attempt.work.goes_on() {
             return (f64::INFINITY, start);
         }
-        let iterations = self.options.options.iterations.min(LAST);
-        let inner = Options { iterations, colour: false, ..self.options.options.clone() };
-        let options = FitOptions { options: inner, ..self.options.clone() };
-        match single_fit(self.model, self.runs, &start, &options, &self.work) {
+        let iterations = self.attempt.options.options.iterations.min(LAST);
+        let inner = Options { iterations, colour: false, ..self.attempt.options.options.clone() };
+        let options = FitOptions { options: inner, ..self.attempt.options.clone() };
+        match single_fit(&Attempt { starts: &start, options: &options, ..self.attempt }) {
             Ok(fit) => {
-                (fit.estimate.cost.unwrap_or(f64::INFINITY), after(self.model, self.runs, &fit.estimate, &start))
+                let reached = Attempt { starts: &start, ..self.attempt }.reached(&fit.estimate);
+                (fit.estimate.cost.unwrap_or(f64::INFINITY), reached)
             }
             Err(_) => (f64::INFINITY, start),
         }
@@ -254,7 +245,13 @@ mod tests {
             let options = FitOptions::default().with_declared_noise(&model);
             let spread = Spread::new(&model, &given, 3);
             assert!(spread.is_wide(), "bounds that span decades are enough");
-            let screened = |number: usize| screened(&model, &runs, &spread, number, &options, &Work::default());
+            let screened = |number: usize| {
+                screened(
+                    &Attempt { model: &model, runs: &runs, starts: &given, options: &options, work: &Work::default() },
+                    &spread,
+                    number,
+                )
+            };
             assert_eq!(screened(0), given, "the given start stays");
             let mut lost = 0;
             for number in 1..7 {
@@ -274,7 +271,17 @@ mod tests {
         let given = starts(&model, &runs, &Changes::default());
         let options = FitOptions::default().with_declared_noise(&model);
         let spread = Spread::new(&model, &given, 3);
-        let found = screened(&model, &runs, &spread, 1, &options, &Work::ended(Stop::Interrupt));
+        let found = screened(
+            &Attempt {
+                model: &model,
+                runs: &runs,
+                starts: &given,
+                options: &options,
+                work: &Work::ended(Stop::Interrupt),
+            },
+            &spread,
+            1,
+        );
         assert!(is_usable(&model, &runs, &found, &options));
     }
 
@@ -285,8 +292,12 @@ mod tests {
         let mut options = FitOptions::default().with_declared_noise(&model);
         (options.starts.count, options.starts.seed) = (6, 1);
         let ledger = crate::work::checkpoint::CheckpointWriter::new(None);
-        let found =
-            multi_start::many_starts((&model, &model), &runs, &given, &options, &ledger, &Work::default()).unwrap();
+        let found = multi_start::many_starts(
+            &Attempt { model: &model, runs: &runs, starts: &given, options: &options, work: &Work::default() },
+            &model,
+            &ledger,
+        )
+        .unwrap();
         let reached = found.summaries.iter().filter(|s| s.minimum == Some(1)).count();
         assert!(reached >= 5, "{reached}: {:?}", found.summaries);
     }

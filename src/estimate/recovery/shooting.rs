@@ -7,6 +7,7 @@
 
 use crate::estimate::{Estimate, RunFit, Status, Symmetric};
 use crate::noise::Noise;
+use crate::output_error::attempt::Attempt;
 use crate::output_error::error::{FitError, StrategyError};
 use crate::output_error::fit::{Continuity, Fit};
 use crate::output_error::integration_fault::IntegrationFault;
@@ -62,17 +63,12 @@ impl Shooting {
     }
 }
 
-/// Estimates by multiple shooting from `starts` (all parameters of each run).
+/// Estimates by multiple shooting from the start values.
 ///
 /// # Errors
 /// [`FitError::Strategy`] when the model cannot be cut; else as for [`fit`](crate::fit()).
-pub(crate) fn shoot(
-    model: &Model,
-    runs: &[Run],
-    starts: &[Vec<f64>],
-    (shooting, options): (Shooting, &FitOptions),
-    work: &Work<'_>,
-) -> Result<Fit, FitError> {
+pub(crate) fn shoot(attempt: &Attempt<'_>, shooting: Shooting) -> Result<Fit, FitError> {
+    let Attempt { model, runs, starts, options, work } = *attempt;
     let layout = model.layout();
     let impossible = match () {
         () if layout.states == 0 => Some(StrategyError::NoStates),
@@ -105,7 +101,7 @@ pub(crate) fn shoot(
     // from where it is to begin it needs few iterations, or it cannot be done
     let iterations = POLISH.min(options.options.iterations);
     let few = FitOptions { options: Options { iterations, ..options.options.clone() }, ..options.clone() };
-    let polished = single_fit(model, runs, &reached, &few, work)?;
+    let polished = single_fit(&Attempt { starts: &reached, options: &few, ..*attempt })?;
     if as_good(&polished.estimate, &cut) {
         let continuity = Continuity { largest_gap: 0.0, polished: true, ..continuity };
         return Ok(Fit { shooting: Some(continuity), ..polished });

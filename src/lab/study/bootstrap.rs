@@ -5,7 +5,8 @@ use super::disturbance::Disturbance;
 use super::study_error::StudyError;
 use crate::requirement::{Draws, Judge, RequirementError};
 use fdm_estimate::{
-    Changes, Estimate, Fit, FitOptions, Halt, MultiStart, ParameterEstimate, SharedSteps, Work, fit_from, starts,
+    Attempt, Changes, Estimate, Fit, FitOptions, Halt, MultiStart, ParameterEstimate, SharedSteps, Work, fit_from,
+    starts,
 };
 use fdm_numeric::random::Stream;
 use fdm_results::documents::study::{Colour, Goal, Repeat, Study, Subject, is_estimated};
@@ -110,7 +111,8 @@ impl Bootstrap {
     pub fn once(&self, number: u64, halt: &Halt) -> Option<Repeat> {
         let runs: Vec<Run> = self.clean.iter().enumerate().map(|(r, run)| self.disturbed(r, run, number)).collect();
         let model = self.with_priors(number);
-        match fit_from(&model, &runs, &self.starts, &self.options, &Work::until(halt)) {
+        let Self { starts, options, .. } = self;
+        match fit_from(&Attempt { model: &model, runs: &runs, starts, options, work: &Work::until(halt) }) {
             _ if !halt.goes_on() => None,
             Ok(found) => {
                 let mut repeat = Repeat::of(&found.estimate, &self.subjects);

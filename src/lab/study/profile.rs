@@ -4,8 +4,8 @@
 use super::bootstrap::reached;
 use super::study_error::StudyError;
 use fdm_estimate::{
-    Changes, Continuation, Estimate, Fit, FitOptions, MultiStart, ParameterEstimate, SharedSteps, Status, Work,
-    fit_from, quantile,
+    Attempt, Changes, Continuation, Estimate, Fit, FitOptions, MultiStart, ParameterEstimate, SharedSteps, Status,
+    Work, fit_from, quantile,
 };
 use fdm_results::documents::profile::{AtBound, End, Point, Profile, reach};
 use fdm_system::Model;
@@ -396,7 +396,14 @@ impl<'a> Profiler<'a> {
         let model: Model = self.fit.model.with_params(params);
         let mut starts = starts.to_vec();
         starts.iter_mut().for_each(|theta| theta[wanted.place] = value);
-        let found = fit_from(&model, self.runs, &starts, &self.options, &self.work.quiet()).ok()?;
+        let found = fit_from(&Attempt {
+            model: &model,
+            runs: self.runs,
+            starts: &starts,
+            options: &self.options,
+            work: &self.work.quiet(),
+        })
+        .ok()?;
         let known = found.estimate.termination.is_good();
         let rise = found.estimate.cost.filter(|c| c.is_finite())? - self.fit.estimate.cost?;
         // what is not at its minimum costs too much: where that is allowed all the same, the value belongs to the interval
