@@ -7,7 +7,7 @@ use crate::kinematics::Kinematics;
 use crate::record::Record;
 use crate::spectrum::{Bands, interpolated};
 use fdm_estimate::{
-    Changes, Continuation, DerivedQuantities, Estimate, FitOptions, Options, Problem, ProblemRun, Response,
+    Changes, Continuation, DerivedQuantities, Estimate, FitOptions, Options, Problem, ProblemRun, RunResponse,
     SharedSteps, Termination, Work, estimate, fit, is_lost_at_start, starts,
 };
 use fdm_system::Model;
@@ -395,8 +395,10 @@ fn on_steps(
     for ((run, start), steps) in runs.iter().zip(&starts).zip(steps) {
         let mut simulator = Simulator::new(model.dynamics(), run, steps.clone()).ok()?;
         simulator.suits(start).ok()?;
-        let response: Box<dyn Response> =
-            if lags.is_empty() { Box::new(simulator) } else { Box::new(Filtered::new(simulator, lags)) };
+        let response = match lags.is_empty() {
+            true => RunResponse::in_time(simulator),
+            false => RunResponse::in_time(Filtered::new(simulator, lags)),
+        };
         let (name, measured, start) = (run.name.clone(), run.measured.clone(), start.clone());
         prepared.push(ProblemRun { name, response, measured, start });
     }

@@ -3,6 +3,7 @@
 use crate::derived::DerivedQuantities;
 use crate::iteration::normal_equations::{NormalEquations, NotFinite};
 use crate::problem::{Problem, ProblemRun};
+use crate::response::RunResponse;
 use crate::uncertainty::identifiability::{Direction, undetermined};
 use fdm_numeric::quadratic::Inverse;
 use fdm_system::model::Model;
@@ -92,7 +93,7 @@ impl Information {
             simulated.map_err(|d| Silence::RunsAway { run: name(), time: d.time })?;
             responses.push(response);
             let (name, measured, start) = (name(), run.measured.clone(), theta.clone());
-            prepared.push(ProblemRun { name, response: Box::new(simulator), measured, start });
+            prepared.push(ProblemRun { name, response: RunResponse::in_time(simulator), measured, start });
         }
         let derived = DerivedQuantities::of(definition, model.dynamics());
         let mut problem = Problem::new(definition, prepared, derived);

@@ -40,6 +40,7 @@ mod problem;
 mod recovery;
 mod residual_vector;
 pub mod residuals;
+mod response;
 mod smoothness;
 mod solve;
 #[cfg(test)]
@@ -88,11 +89,15 @@ pub use output_error::integration_fault::IntegrationFault;
 pub use output_error::loss::Loss;
 pub use output_error::options::{Continuation, FitOptions, FrequencyOptions, MultiStart, SharedSteps, Shooting};
 pub use output_error::single::{changed, starts};
-pub use problem::{Coefficients, KnownNoise, Options, Problem, ProblemError, ProblemRun, Response};
+pub use problem::{Options, Problem, ProblemError, ProblemRun};
 pub use recovery::confidence::{LengthSensitivity, by_confidence};
 pub use recovery::free_response::is_lost_at_start;
 pub use recovery::multi_start::StartSearch;
 pub use residual_vector::ResidualVector;
+pub use response::{
+    CoefficientResponse, Coefficients, KnownNoise, KnownNoiseResponse, PlanarResponse, Response, RunResponse,
+    StandardisedResponse, TimeResponse,
+};
 
 pub use doubted_initials::{DoubtedInitial, DoubtedInitials, MovedParameter};
 pub use solve::{estimate, estimate_from};

@@ -5,133 +5,18 @@ use crate::derived::DerivedQuantities;
 use crate::method::{Optimizer, SmoothBy};
 use crate::noise::Noise;
 use crate::residuals::NoiseVariation;
+use crate::response::RunResponse;
 use crate::work::Work;
 use fdm_grammar::model::{Model, Param, Prior, Table};
-use fdm_system::simulate::{Divergence, PlaneSink, Simulator, Sink};
-use fdm_system::spectrum::independent;
 use serde::Serialize;
 use std::fmt;
-
-/// One run's model response and its exact sensitivities.
-///
-/// Equal parameters must give equal bits, with and without sensitivities and in whatever order they are asked.
-pub trait Response: Send {
-    /// Number of samples N.
-    fn samples(&self) -> usize;
-
-    /// Number of outputs q.
-    fn outputs(&self) -> usize;
-
-    /// Time of each sample (N), rising; none when only their order is known.
-    fn time(&self) -> Option<&[f64]> {
-        None
-    }
-
-    /// What the samples are coefficients of, when they are not samples in time: 2 k is the real part at frequency k, 2 k + 1
-    /// the imaginary part.
-    fn coefficients(&self) -> Option<Coefficients<'_>> {
-        None
-    }
-
-    /// The frequency, in cycles per unit of time, that a sample belongs to, when it is not one in time.
-    fn frequency(&self, sample: usize) -> Option<f64> {
-        self.coefficients().and_then(|c| Some(c.omega.get(sample / 2)? / std::f64::consts::TAU))
-    }
-
-    /// What is known beforehand of the noise of the measured numbers; of a response with one output.
-    fn known_noise(&self) -> Option<&KnownNoise> {
-        None
-    }
-
-    /// Outputs, N by q row-major, at the parameters `theta` (p, in the model's order).
-    ///
-    /// # Errors
-    /// [`Divergence`] when the simulation cannot reach the end of the run; `y` is then of no use.
-    fn simulate(&mut self, theta: &[f64], y: &mut [f64]) -> Result<(), Divergence>;
-
-    /// Outputs and their partials by `theta[columns[j]]`, all samples in blocks to `sink`.
-    ///
-    /// # Errors
-    /// As [`Response::simulate`]; blocks before the failure may have been handed over.
-    fn sensitivities(&mut self, theta: &[f64], columns: &[usize], sink: &mut Sink<'_>) -> Result<(), Divergence>;
-
-    /// What the last evaluation adds to the cost beside half the squares of the residuals, where the likelihood is another: rows and residuals then give its
-    /// gradient and its information.
-    fn surcharge(&self) -> Option<f64> {
-        None
-    }
-
-    /// Whether the response is one of frequencies, of which real and imaginary part are two samples one after the other, and
-    /// [`Response::planes`] hands it over in planes.
-    fn is_planar(&self) -> bool {
-        false
-    }
-
-    /// As [`Response::sensitivities`], in planes; asked for where [`Response::is_planar`] says so.
-    ///
-    /// # Errors
-    /// As [`Response::simulate`].
-    fn planes(&mut self, theta: &[f64], columns: &[usize], sink: &mut PlaneSink<'_>) -> Result<(), Divergence> {
-        let _ = (theta, columns, sink);
-        Ok(())
-    }
-}
-
-/// Noise that is known beforehand, from another source than the residuals.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct KnownNoise {
-    /// Standard deviation of each number (N).
-    pub deviations: Vec<f64>,
-    /// Pairs of numbers (the first one before the second) whose noise correlates, with the correlation.
-    pub correlations: Vec<(u32, u32, f64)>,
-}
-
-/// Fourier coefficients as the samples of a response.
-#[derive(Debug, Clone, Copy)]
-pub struct Coefficients<'a> {
-    /// Angular frequencies (M), rising.
-    pub omega: &'a [f64],
-    /// Samples in time that were transformed.
-    pub samples: usize,
-    /// Time between them.
-    pub dt: f64,
-}
-
-impl Coefficients<'_> {
-    /// How many independent frequencies these are worth: closer than one cycle in the record they repeat each other.
-    pub fn independent(&self) -> f64 {
-        independent(self.omega, self.samples as f64 * self.dt)
-    }
-}
-
-impl Response for Simulator<'_> {
-    fn samples(&self) -> usize {
-        self.samples()
-    }
-
-    fn outputs(&self) -> usize {
-        self.outputs()
-    }
-
-    fn time(&self) -> Option<&[f64]> {
-        Some(&self.run().time)
-    }
-
-    fn simulate(&mut self, theta: &[f64], y: &mut [f64]) -> Result<(), Divergence> {
-        self.simulate(theta, y)
-    }
-
-    fn sensitivities(&mut self, theta: &[f64], columns: &[usize], sink: &mut Sink<'_>) -> Result<(), Divergence> {
-        self.stream(theta, columns, sink)
-    }
-}
 
 /// One run of a problem.
 pub struct ProblemRun<'a> {
     /// Name that tables show, unique among the runs.
     pub name: String,
     /// The model, driven by this run's inputs.
-    pub response: Box<dyn Response + 'a>,
+    pub response: RunResponse<'a>,
     /// Measured outputs, N by q row-major; NaN where nothing is to be compared.
     pub measured: Vec<f64>,
     /// Start values of all parameters (p); only the per-run ones are read. Empty: as the parameters say.
@@ -161,6 +46,19 @@ pub struct Problem<'a> {
     pub noise_in_time: Option<Box<dyn NoiseInTime + 'a>>,
     /// Whether estimates are all that is asked for: intervals are then not looked at beyond their errors.
     pub bare: bool,
+}
+
+/// What the numbers of all runs are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Numbers {
+    /// Samples in time.
+    InTime,
+    /// Samples in time, some of them over their stated deviations.
+    Standardised,
+    /// Coefficients of whole records.
+    Coefficients,
+    /// Numbers of known noise.
+    KnownNoise,
 }
 
 /// Noise of records that are compared and stand in the equations as well.
@@ -237,14 +135,32 @@ impl<'a> Problem<'a> {
         Self { params, outputs, runs, affine, tables, smoothness, derived, regressor_noise, noise_in_time, bare: false }
     }
 
+    /// What the numbers of all runs are.
+    pub(crate) fn numbers(&self) -> Numbers {
+        let all = |of: fn(&RunResponse<'_>) -> bool| self.runs.iter().all(|run| of(&run.response));
+        match () {
+            () if all(|response| matches!(response, RunResponse::KnownNoise(_))) => Numbers::KnownNoise,
+            () if all(|response| matches!(response, RunResponse::Coefficients(_))) => Numbers::Coefficients,
+            () if all(|response| matches!(response, RunResponse::InTime(_))) => Numbers::InTime,
+            () => Numbers::Standardised,
+        }
+    }
+
     /// What a measured number is worth on the average: 1, or less where frequencies are closer than one cycle in the record.
     pub(super) fn worth(&self) -> f64 {
         let (mut numbers, mut worth) = (0.0, 0.0);
-        for run in self.runs.iter().filter(|run| run.response.known_noise().is_none()) {
+        for run in &self.runs {
             let compared = run.measured.iter().filter(|z| !z.is_nan()).count() as f64;
-            let part = |c: Coefficients<'_>| c.independent() / c.omega.len().max(1) as f64;
+            let part = match &run.response {
+                RunResponse::InTime(_) | RunResponse::Standardised(_) => 1.0,
+                RunResponse::Coefficients(response) => {
+                    let coefficients = response.coefficients();
+                    coefficients.independent() / coefficients.omega.len().max(1) as f64
+                }
+                RunResponse::KnownNoise(_) => continue,
+            };
             numbers += compared;
-            worth += compared * run.response.coefficients().map_or(1.0, part);
+            worth += compared * part;
         }
         if numbers > 0.0 { worth / numbers } else { 1.0 }
     }

@@ -7,6 +7,7 @@ use crate::output_error::error::FitError;
 use crate::output_error::options::FitOptions;
 use crate::output_error::single::{chosen_steps, starts};
 use crate::problem::{Problem, ProblemRun};
+use crate::response::RunResponse;
 use crate::unknowns::Unknowns;
 use crate::work::{UnknownName, Work};
 use fdm_grammar::model::Prior;
@@ -179,7 +180,7 @@ fn prepared_run<'a>(model: &'a Model, run: &'a Run, start: &[f64], steps: Steps)
     let mut simulator = Simulator::new(model.dynamics(), run, steps).map_err(|e| FitError::unsuited(run, e))?;
     simulator.suits(start).map_err(|e| FitError::unsuited(run, e))?;
     let (name, measured, start) = (run.name.clone(), run.measured.clone(), start.to_vec());
-    Ok(ProblemRun { name, response: Box::new(simulator), measured, start })
+    Ok(ProblemRun { name, response: RunResponse::in_time(simulator), measured, start })
 }
 
 #[cfg(test)]

@@ -9,19 +9,16 @@ use crate::iteration::optimizers::approach;
 use crate::iteration::priors::Priors;
 use crate::lost_unknowns::{Lost, Pin};
 use crate::noise::Likelihood;
-use crate::problem::{Options, Problem, ProblemError, ProblemRun};
+use crate::problem::{Numbers, Options, Problem, ProblemError, ProblemRun};
 use crate::residuals::OutputFit;
 use crate::smoothness::{Chosen, SmoothTables, choose};
 use crate::termination::Termination;
-use crate::uncertainty::coloured::corrected;
+use crate::uncertainty::correction::{Ended, correct};
 use crate::uncertainty::cramer_rao::conclude;
 use crate::uncertainty::curvature::{Curvature, Curved, Neighbourhood};
 use crate::uncertainty::identifiability::Direction;
 use crate::uncertainty::parameters::Statistics;
-use crate::uncertainty::sandwich::corrected_known;
 use crate::uncertainty::sandwich::{Sandwich, Uncorrected};
-use crate::uncertainty::spectra::corrected_spectra;
-use crate::uncertainty::varying_noise::{allow, allow_spectra};
 use crate::unknowns::Unknowns;
 use crate::work::Work;
 use fdm_grammar::model::TableNode;
@@ -133,49 +130,25 @@ pub(crate) fn solve(
     let GaussNewton { problem: cost, values, weights, history, .. } = steps;
     let evaluations = cost.evaluations();
     let mut responses = cost.evaluator.into_responses();
-    let in_time = problem.runs.iter().all(|r| {
-        r.response.known_noise().is_none() && r.response.coefficients().is_none() && r.response.surcharge().is_none()
-    });
+    let numbers = problem.numbers();
+    let in_time = numbers == Numbers::InTime;
     let log_likelihood =
         (in_time && end.is_ok() && possible).then(|| likelihood.logarithm(weights.cost - priors.cost(&values)));
 
-    let mut sensitivities = Vec::new();
-    let mut corrected = match &conclusion {
+    let corrected = match &conclusion {
         None => Err(Uncorrected::NoDegreesOfFreedom),
         Some(_) if !options.colour => Err(Uncorrected::NotAsked),
         Some(_) if end.as_ref().is_ok_and(Termination::is_stopped) => Err(Uncorrected::NotAsked),
-        Some(conclusion) => {
+        Some(bound) => {
             work.doing("standard errors for coloured residuals");
-            let priors = priors.rows(&values);
-            if problem.runs.iter().all(|r| r.response.known_noise().is_some()) {
-                corrected_known(problem, &unknowns, &values, conclusion, priors)
-            } else if problem.runs.iter().all(|r| r.response.coefficients().is_some()) {
-                corrected_spectra(problem, &unknowns, &values, conclusion, priors)
-            } else {
-                corrected(problem, &unknowns, &values, conclusion, priors).map(|(corrected, rows)| {
-                    sensitivities = rows;
-                    corrected
-                })
-            }
+            let good = end.as_ref().is_ok_and(Termination::is_good);
+            let ended = Ended { values: &values, responses: &responses, priors: &priors, good };
+            correct(problem, &Sandwich { unknowns: &unknowns, bound }, &ended, work)
         }
     };
-    let noise_variation = match (&conclusion, &mut corrected) {
-        (Some(conclusion), Ok(own)) if in_time => {
-            let priors = priors.rows(&values);
-            let sandwich = Sandwich { unknowns: &unknowns, bound: conclusion };
-            allow(problem, &responses, &sensitivities, &sandwich, priors, own)
-        }
-        (Some(conclusion), Ok(own)) if end.as_ref().is_ok_and(Termination::is_good) && work.stopped().is_none() => {
-            allow_spectra(problem, &unknowns, &values, conclusion, own, work)
-        }
-        _ => Ok(Vec::new()),
-    };
-    let noise_variation = match noise_variation {
-        Ok(found) => found,
-        Err(reason) => {
-            corrected = Err(reason);
-            Vec::new()
-        }
+    let (corrected, noise_variation) = match corrected {
+        Ok((corrected, variation)) => (Ok(corrected), variation),
+        Err(reason) => (Err(reason), Vec::new()),
     };
     let judged = options.colour && !bare && end.as_ref().is_ok_and(Termination::is_good);
     let curved = match conclusion.as_ref().filter(|_| judged && work.stopped().is_none()) {
@@ -217,8 +190,7 @@ pub(crate) fn solve(
     };
     let leverages = conclusion.as_ref().map_or(Vec::new(), |c| c.leverages.clone());
     let alone = likelihood.counts.iter().filter(|n| **n > 0).count() < 2 && priors.is_empty();
-    let sampled = problem.runs.iter().all(|r| r.response.known_noise().is_none());
-    let degenerate = match sampled && possible {
+    let degenerate = match numbers != Numbers::KnownNoise && possible {
         true => collapsed(&problem.outputs, &likelihood, &leverages, alone),
         false => Vec::new(),
     };

@@ -73,7 +73,7 @@ fn a_coarse_simulation_without_noise_converges_too() {
         y[0] = (y[0] * 1e10).round() / 1e10;
     };
     let data = run("r", grid(50, 3.0), 1, DECAY, &[2.0, 1.5], |_, _| 0.0);
-    let response = Box::new(Closed { x: grid(50, 3.0), q: 1, sample: COARSE });
+    let response = RunResponse::in_time(Closed { x: grid(50, 3.0), q: 1, sample: COARSE });
     let data = ProblemRun { response, ..data };
     let mut problem = problem(vec![param("a", 2.6), param("b", 1.95)], vec![data]);
     let fit = solve(&mut problem, &Options::default());
@@ -269,7 +269,7 @@ fn empty_cells_are_as_good_as_absent_ones() {
     let short_x: Vec<f64> = (0..40).filter(keep).map(|k| x[k]).collect();
     let short_z: Vec<f64> = (0..40).filter(keep).map(|k| gappy.measured[k]).collect();
     (0..40).filter(|k| !keep(k)).for_each(|k| gappy.measured[k] = f64::NAN);
-    let response = Box::new(Closed { x: short_x, q: 1, sample: DECAY });
+    let response = RunResponse::in_time(Closed { x: short_x, q: 1, sample: DECAY });
     let short = ProblemRun { name: "r".into(), response, measured: short_z, start: Vec::new() };
     let params = || vec![param("a", 1.0), param("b", 1.0)];
     let gappy = solve(&mut problem(params(), vec![gappy]), &Options::default());

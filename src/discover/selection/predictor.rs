@@ -6,7 +6,7 @@ use super::whitening::{CommonNoise, WhitenedResponse, Whitener};
 use crate::bins::{MeasuredRows, Record, Signals};
 use crate::diagnosis::FrequencyDomain;
 use crate::lack_of_fit::BinnedResidual;
-use fdm_estimate::{BinResponse, ProblemRun, Response, SpectralBins};
+use fdm_estimate::{BinResponse, ProblemRun, Response, RunResponse, SpectralBins};
 use fdm_grammar::model::Param;
 use fdm_system::dynamics::Dynamics;
 use fdm_system::model::Model;
@@ -221,7 +221,7 @@ impl Predictor {
                 let simulator = Simulator::new(dynamics, run, steps.clone()).ok()?;
                 let mut whitener = Whitener::new(run, dynamics.layout().outputs, noise);
                 let measured = whitener.whitened(&run.measured);
-                let response = Box::new(WhitenedResponse::new(simulator, whitener));
+                let response = RunResponse::in_time(WhitenedResponse::new(simulator, whitener));
                 Some((ProblemRun { name, response, measured, start }, None))
             }
             Self::Bins { bins, run: place } => {
@@ -233,7 +233,7 @@ impl Predictor {
                     response.weigh(weights.clone());
                     Some(response)
                 };
-                let (response, settler) = (Box::new(weighed()?), weighed()?);
+                let (response, settler) = (RunResponse::in_time(weighed()?), weighed()?);
                 Some((ProblemRun { name, response, measured, start }, Some(settler)))
             }
         }

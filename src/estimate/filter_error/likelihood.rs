@@ -9,6 +9,7 @@ use crate::iteration::priors::Priors;
 use crate::noise::Noise;
 use crate::output_error::error::FitError;
 use crate::problem::{Options, Problem, ProblemRun};
+use crate::response::RunResponse;
 use crate::unknowns::Unknowns;
 use fdm_grammar::graph::Signal;
 use fdm_grammar::model::{Origin, Param, Quantity};
@@ -300,7 +301,7 @@ fn problem<'a>(
         let mut start: Vec<f64> = params.iter().map(|p| p.value).collect();
         start[..theta.len()].copy_from_slice(theta);
         let (name, measured) = (run.name.clone(), run.measured.clone());
-        prepared.push(ProblemRun { name, response: Box::new(simulator), measured, start });
+        prepared.push(ProblemRun { name, response: RunResponse::in_time(simulator), measured, start });
     }
     let outputs = model.definition().outputs.iter().map(|o| o.quantity.name.clone()).collect();
     let derived = DerivedQuantities::of(model.definition(), model.dynamics());

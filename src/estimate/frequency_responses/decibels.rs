@@ -4,7 +4,7 @@
 //! as by Tischler and Remple (Aircraft and Rotorcraft System Identification, 2012, chapter 11).
 
 use super::measured::{Measured, cycles};
-use crate::problem::{KnownNoise, Response};
+use crate::response::{KnownNoise, KnownNoiseResponse, Response};
 use crate::spectra::Unanswered;
 use crate::spectra::response::{Reason, failed};
 use fdm_numeric::lanes::Aligned;
@@ -241,15 +241,6 @@ impl Response for Decibels {
         1
     }
 
-    fn frequency(&self, sample: usize) -> Option<f64> {
-        let pair = self.pairs.iter().find(|p| sample < p.end())?;
-        Some(self.omega[pair.at[(sample - pair.first) / 2]] / TAU)
-    }
-
-    fn known_noise(&self) -> Option<&KnownNoise> {
-        Some(&self.noise)
-    }
-
     fn simulate(&mut self, theta: &[f64], y: &mut [f64]) -> Result<(), Divergence> {
         self.fill(theta, &[])?;
         y.copy_from_slice(&self.y);
@@ -260,6 +251,17 @@ impl Response for Decibels {
         self.fill(theta, columns)?;
         sink(Block { first: 0, y: &self.y, rows: &mut self.rows, layout: &self.layout });
         Ok(())
+    }
+}
+
+impl KnownNoiseResponse for Decibels {
+    fn noise(&self) -> &KnownNoise {
+        &self.noise
+    }
+
+    fn frequency(&self, sample: usize) -> Option<f64> {
+        let pair = self.pairs.iter().find(|p| sample < p.end())?;
+        Some(self.omega[pair.at[(sample - pair.first) / 2]] / TAU)
     }
 }
 

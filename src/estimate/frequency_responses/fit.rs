@@ -11,6 +11,7 @@ use crate::output_error::fit::Fit;
 use crate::output_error::noise_model::without_output_noise;
 use crate::output_error::single::{changed, starts};
 use crate::problem::{Problem, ProblemRun};
+use crate::response::RunResponse;
 use crate::solve::estimate;
 use crate::spectra::initial_conditions::{found_later, in_time, values_of};
 use crate::spectra::response::Reason;
@@ -251,7 +252,12 @@ impl Setting {
         let mut params = self.params.clone();
         params.iter_mut().zip(start).for_each(|(p, value)| p.value = *value);
         let (name, values) = ("frequency responses".to_string(), measured_rows(pairs));
-        let run = ProblemRun { name: name.clone(), response: Box::new(response), measured: values, start: Vec::new() };
+        let run = ProblemRun {
+            name: name.clone(),
+            response: RunResponse::KnownNoise(Box::new(response)),
+            measured: values,
+            start: Vec::new(),
+        };
         let derived = DerivedQuantities::of(self.model.definition(), self.model.dynamics());
         let mut problem = Problem::of(params, vec![name], vec![run], derived);
         let how = crate::problem::Options { noise: Noise::Diagonal, ..options.options.clone() };

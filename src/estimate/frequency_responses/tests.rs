@@ -4,7 +4,7 @@
 use super::decibels::{Decibels, Pair, measured_rows, weight};
 use super::measured::Measured;
 use super::*;
-use crate::problem::Response;
+use crate::response::Response;
 use crate::work::Work;
 use fdm_system::linear::LinearModel;
 use fdm_system::model::Model;

@@ -15,6 +15,7 @@ use crate::noise::Noise;
 use crate::problem::{Options, Problem, ProblemRun};
 use crate::residuals::OutputFit;
 use crate::residuals::noise_variation::{OutputSeries, test};
+use crate::response::RunResponse;
 use crate::solve::estimate;
 use crate::uncertainty::sandwich::NoiseColour;
 use crate::work::Work;
@@ -268,7 +269,12 @@ impl Fitting<'_> {
             let run = &self.runs[r];
             let response = Standardised::new(self.simulator(r, theta)?, run.measured.clone(), self.deviations.to_vec());
             let (name, start, measured) = (run.name.clone(), theta.clone(), response.targets());
-            prepared.push(ProblemRun { name, response: Box::new(response), measured, start });
+            prepared.push(ProblemRun {
+                name,
+                response: RunResponse::Standardised(Box::new(response)),
+                measured,
+                start,
+            });
         }
         let definition = self.model.definition();
         let derived = DerivedQuantities::of(self.whole.definition(), self.whole.dynamics());

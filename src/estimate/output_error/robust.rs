@@ -15,6 +15,7 @@ use crate::estimate::{Estimate, ParameterEstimate, RunFit};
 use crate::noise::Noise;
 use crate::problem::{Options, Problem, ProblemRun};
 use crate::residuals::OutputFit;
+use crate::response::RunResponse;
 use crate::solve::estimate;
 use crate::termination::Termination;
 use fdm_system::record::Run;
@@ -110,7 +111,7 @@ impl Fitting<'_> {
             let mut simulator = simulator.map_err(|e| FitError::unsuited(run, e))?;
             simulator.suits(theta).map_err(|e| FitError::unsuited(run, e))?;
             let (name, measured, start) = (run.name.clone(), values[r].clone(), theta.clone());
-            prepared.push(ProblemRun { name, response: Box::new(simulator), measured, start });
+            prepared.push(ProblemRun { name, response: RunResponse::in_time(simulator), measured, start });
         }
         let derived = DerivedQuantities::of(model.definition(), model.dynamics());
         let mut problem = Problem::new(model.definition(), prepared, derived);

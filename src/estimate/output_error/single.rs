@@ -11,6 +11,7 @@ use crate::output_error::error::FitError;
 use crate::output_error::fit::Fit;
 use crate::output_error::integration_fault::{IntegrationFault, is_moving};
 use crate::problem::{Problem, ProblemRun};
+use crate::response::RunResponse;
 use crate::solve::estimate;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
@@ -169,7 +170,7 @@ fn correct(attempt: &Attempt<'_>, smoothness: Vec<f64>, steps: &[Steps]) -> Resu
         let mut simulator = simulator.map_err(|e| FitError::unsuited(run, e))?;
         simulator.suits(theta).map_err(|e| FitError::unsuited(run, e))?;
         let (name, measured, start) = (run.name.clone(), run.measured.clone(), theta.clone());
-        prepared.push(ProblemRun { name, response: Box::new(simulator), measured, start });
+        prepared.push(ProblemRun { name, response: RunResponse::in_time(simulator), measured, start });
     }
     let derived = DerivedQuantities::of(model.definition(), model.dynamics());
     let mut problem = Problem { smoothness, bare: options.bare, ..Problem::new(model.definition(), prepared, derived) };

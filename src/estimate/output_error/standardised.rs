@@ -5,7 +5,7 @@
 //! second the residual `(e^2 - 1)/sqrt 2` and the row `sqrt 2 ds/s`. Gradient and information are then those of least squares; the cost is not, and
 //! [`Response::surcharge`] makes up for it.
 
-use crate::problem::Response;
+use crate::response::{Response, StandardisedResponse, TimeResponse};
 use fdm_system::simulate::{Block, Divergence, RowLayout, Simulator, Sink};
 use std::f64::consts::SQRT_2;
 
@@ -94,14 +94,6 @@ impl Response for Standardised<'_> {
         Self::parts(&self.deviations).len()
     }
 
-    fn time(&self) -> Option<&[f64]> {
-        Some(&self.simulator.run().time)
-    }
-
-    fn surcharge(&self) -> Option<f64> {
-        Some(self.surcharge)
-    }
-
     fn simulate(&mut self, theta: &[f64], y: &mut [f64]) -> Result<(), Divergence> {
         let (simulated, q) = (self.simulator.outputs(), self.deviations.len());
         let parts = Self::parts(&self.deviations);
@@ -156,6 +148,18 @@ impl Response for Standardised<'_> {
             }
             sink(Block { first: block.first, y: &y, rows: &mut rows, layout: &layout });
         })
+    }
+}
+
+impl StandardisedResponse for Standardised<'_> {
+    fn surcharge(&self) -> f64 {
+        self.surcharge
+    }
+}
+
+impl TimeResponse for Standardised<'_> {
+    fn time(&self) -> Option<&[f64]> {
+        Some(&self.simulator.run().time)
     }
 }
 

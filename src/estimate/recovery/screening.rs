@@ -11,6 +11,7 @@ use crate::output_error::single::{chosen_steps, single_fit};
 use crate::problem::{Options, Problem, ProblemRun};
 use crate::recovery::magnitudes::{self, Magnitudes};
 use crate::recovery::spread::Spread;
+use crate::response::RunResponse;
 use crate::solve::{cost_at, estimate};
 use crate::work::Work;
 use fdm_system::model::Model;
@@ -125,7 +126,7 @@ impl Crowd<'_> {
         for ((run, theta), steps) in self.attempt.runs.iter().zip(start).zip(self.steps(start)) {
             let mut simulator = Simulator::new(self.attempt.model.dynamics(), run, steps).ok()?;
             simulator.suits(theta).ok()?;
-            let response = Box::new(Magnitudes::new(simulator, &self.levels));
+            let response = RunResponse::in_time(Magnitudes::new(simulator, &self.levels));
             let measured = magnitudes::of(&run.measured, &self.levels);
             prepared.push(ProblemRun { name: run.name.clone(), response, measured, start: theta.clone() });
         }

@@ -15,6 +15,7 @@ use crate::output_error::options::{FitOptions, Shooting};
 use crate::output_error::single::single_fit;
 use crate::problem::{Options, Problem, ProblemRun};
 use crate::recovery::segmented_response::{Segment, SegmentModels, SegmentedResponse, Sizes, initial_state};
+use crate::response::RunResponse;
 use crate::solve::estimate;
 use crate::termination::Termination;
 use crate::work::Work;
@@ -442,7 +443,7 @@ fn segmented<'a>(
         measured[cut * width + sizes.outputs..][..sizes.states].fill(0.0);
     }
     let (name, samples) = (pieces.first().map_or_else(String::new, |p| p.name.clone()), measured.len() / width);
-    let response = Box::new(SegmentedResponse::new(segments, sizes, samples));
+    let response = RunResponse::in_time(SegmentedResponse::new(segments, sizes, samples));
     Ok(ProblemRun { name, response, measured, start: Vec::new() })
 }
 

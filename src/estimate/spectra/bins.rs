@@ -8,7 +8,7 @@ use super::error::SpectralError;
 use super::options::SpectralOptions;
 use super::response::SpectralResponse;
 use super::setting::{Setting, band, is_linear, of_run, samples};
-use crate::problem::Response;
+use crate::response::{Response, TimeResponse};
 use fdm_grammar::carried::CarriedTerm;
 use fdm_grammar::graph::Leaf;
 use fdm_grammar::model::{Output, Param, Quantity};
@@ -431,3 +431,6 @@ impl Response for BinResponse {
         Ok(())
     }
 }
+
+// whitened, its bins are what samples in time are
+impl TimeResponse for BinResponse {}

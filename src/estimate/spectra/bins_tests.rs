@@ -3,7 +3,7 @@
 
 use super::bins::SpectralBins;
 use super::options::SpectralOptions;
-use crate::problem::Response;
+use crate::response::Response;
 use fdm_system::frequency::EndTerms;
 use fdm_system::model::Model;
 use fdm_system::record::Run;

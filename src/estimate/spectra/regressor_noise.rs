@@ -8,7 +8,8 @@
 use super::error::SpectralError;
 use super::options::SpectralOptions;
 use super::setting::{Setting, samples, scaled, spectra, weight};
-use crate::problem::{NoiseShift, RegressorNoise, Response, Slopes};
+use crate::problem::{NoiseShift, RegressorNoise, Slopes};
+use crate::response::Response;
 use fdm_grammar::diagnostic::nearest;
 use fdm_grammar::math;
 use fdm_numeric::fourier::RealFft;

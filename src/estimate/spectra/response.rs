@@ -1,7 +1,7 @@
 //! The response at the frequencies of one run, as estimation asks for it: by parameters instead of coefficients.
 
 use super::error::Unanswered;
-use crate::problem::{Coefficients, Response};
+use crate::response::{CoefficientResponse, Coefficients, PlanarResponse, Response};
 use fdm_system::frequency::{EndTerms, FrequencyError, FrequencyResponse, Plans};
 use fdm_system::linear::{LinearModel, Values};
 use fdm_system::simulate::{Divergence, PlaneSink, Sink};
@@ -83,10 +83,6 @@ impl Response for SpectralResponse {
         self.response.outputs()
     }
 
-    fn coefficients(&self) -> Option<Coefficients<'_>> {
-        Some(Coefficients { omega: &self.omega, samples: self.samples, dt: self.dt })
-    }
-
     fn simulate(&mut self, theta: &[f64], y: &mut [f64]) -> Result<(), Divergence> {
         self.evaluate(theta)?;
         let Self { response, values, params, reason, .. } = self;
@@ -100,14 +96,22 @@ impl Response for SpectralResponse {
         done.map_err(|e| failed(reason, Unanswered::Frequency(e)))
     }
 
-    fn is_planar(&self) -> bool {
-        true
+    fn planar(&mut self) -> Option<&mut dyn PlanarResponse> {
+        Some(self)
     }
+}
 
+impl PlanarResponse for SpectralResponse {
     fn planes(&mut self, theta: &[f64], columns: &[usize], sink: &mut PlaneSink<'_>) -> Result<(), Divergence> {
         self.evaluate(theta)?;
         let Self { response, values, params, reason, .. } = self;
         let done = response.planes(values, &theta[*params..], columns, sink);
         done.map_err(|e| failed(reason, Unanswered::Frequency(e)))
+    }
+}
+
+impl CoefficientResponse for SpectralResponse {
+    fn coefficients(&self) -> Coefficients<'_> {
+        Coefficients { omega: &self.omega, samples: self.samples, dt: self.dt }
     }
 }

@@ -12,6 +12,7 @@ use crate::affine::affine;
 use crate::derived::DerivedQuantities;
 use crate::noise::Noise;
 use crate::problem::{Problem, ProblemRun};
+use crate::response::RunResponse;
 use fdm_grammar::carried::CarriedTerm;
 use fdm_grammar::graph::{Leaf, Signal};
 use fdm_grammar::model::{Origin, Param, Quantity};
@@ -204,7 +205,7 @@ impl Setting {
             start.resize(self.params.len(), 0.0);
             let response = self.response(spectrum)?;
             let (name, measured) = (spectrum.name.clone(), samples(spectrum));
-            runs.push(ProblemRun { name, response: Box::new(response), measured, start });
+            runs.push(ProblemRun { name, response: RunResponse::Coefficients(Box::new(response)), measured, start });
         }
         let definition = self.model.definition();
         let derived = DerivedQuantities::of(definition, self.model.dynamics());

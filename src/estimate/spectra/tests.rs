@@ -6,7 +6,8 @@ use super::options::SpectralOptions;
 use super::setting::Setting;
 use crate::changes::Changes;
 use crate::estimate::Estimate;
-use crate::problem::{Coefficients, Options, Response};
+use crate::problem::{Options, ProblemRun};
+use crate::response::{CoefficientResponse, Coefficients, Response, RunResponse};
 use crate::solve::estimate;
 use crate::work::Work;
 use fdm_numeric::random::Normal;
@@ -43,7 +44,7 @@ fn run(model: &Model, theta: &[f64], name: &str, (samples, noise): (usize, f64))
 }
 
 /// A response handed over in rows.
-struct Rows<'r>(Box<dyn Response + 'r>);
+struct Rows<'r>(Box<dyn CoefficientResponse + 'r>);
 
 impl Response for Rows<'_> {
     fn samples(&self) -> usize {
@@ -54,16 +55,18 @@ impl Response for Rows<'_> {
         self.0.outputs()
     }
 
-    fn coefficients(&self) -> Option<Coefficients<'_>> {
-        self.0.coefficients()
-    }
-
     fn simulate(&mut self, theta: &[f64], y: &mut [f64]) -> Result<(), Divergence> {
         self.0.simulate(theta, y)
     }
 
     fn sensitivities(&mut self, theta: &[f64], columns: &[usize], sink: &mut Sink<'_>) -> Result<(), Divergence> {
         self.0.sensitivities(theta, columns, sink)
+    }
+}
+
+impl CoefficientResponse for Rows<'_> {
+    fn coefficients(&self) -> Coefficients<'_> {
+        self.0.coefficients()
     }
 }
 
@@ -92,9 +95,9 @@ fn planes_and_rows_give_the_same_estimate() {
         let solved = |threads: usize, rows: bool| -> Estimate {
             let mut problem = setting.problem(&starts).expect("a problem");
             if rows {
-                let wrapped = problem.runs.into_iter().map(|mut run| {
-                    run.response = Box::new(Rows(run.response));
-                    run
+                let wrapped = problem.runs.into_iter().map(|run| {
+                    let RunResponse::Coefficients(inner) = run.response else { panic!("a spectrum") };
+                    ProblemRun { response: RunResponse::Coefficients(Box::new(Rows(inner))), ..run }
                 });
                 problem.runs = wrapped.collect();
             }

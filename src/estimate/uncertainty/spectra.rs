@@ -68,7 +68,7 @@ pub(crate) fn corrected_spectra(
     }
     let places: Vec<Vec<f64>> = runs.iter().enumerate().map(|(r, run)| sandwich.columns(r, run.width)).collect();
     let freedom = freedom(&runs, &power, &inverse_noise, &places, covariance.len().isqrt());
-    Ok(Corrected { values: covariance, colours: Vec::new(), spectral, freedom, unbiased })
+    Ok(Corrected { spectral, freedom, unbiased, ..Corrected::of(covariance) })
 }
 
 /// What the residuals of spectra say of their noise.
