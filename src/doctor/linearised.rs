@@ -93,7 +93,7 @@ impl<'a> Linearised<'a> {
             for (output, lag) in &lags {
                 pass(&run.time, &mut y, (*output, q), *lag);
             }
-            residuals.push(run.measured.iter().zip(&y).map(|(z, y)| z - y).collect::<Vec<f64>>());
+            residuals.push(fdm_estimate::residuals::residuals(&run.measured, &y));
         }
         let lagged: Option<Vec<Vec<f64>>> = (!lags.is_empty()).then(|| {
             let behind = |(run, jacobian): (&Run, &Vec<f64>)| {

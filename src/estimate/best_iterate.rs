@@ -2,6 +2,7 @@
 
 use crate::equation_error::{Recursion, RecursiveOptions, RegressionError, recursive};
 use crate::initial::initial_guess;
+use crate::residuals::add_squares;
 use crate::spectra::initial_conditions::with_initials;
 use fdm_grammar::model::Param;
 use fdm_system::model::Model;
@@ -181,18 +182,16 @@ impl<'a> Judge<'a> {
     /// Part of the mean square of each output that the response with these values does not meet, mean over the outputs.
     fn error(&self, simulators: &mut [Option<Simulator<'_>>], values: &[f64]) -> Option<f64> {
         let q = self.spread.len();
-        let mut left = vec![0.0; q];
+        let mut left = vec![(0.0, 0); q];
         for ((part, run, _), simulator) in self.parts.iter().zip(simulators) {
             let params = with_values(&self.model, self.recursion, values, Some(*run));
             let theta = initial_guess(&params, self.model.dynamics(), part);
             let mut y = vec![0.0; part.measured.len()];
             simulator.as_mut()?.simulate(&theta, &mut y).ok()?;
-            for (k, (z, y)) in part.measured.iter().zip(&y).enumerate().filter(|(_, (z, _))| !z.is_nan()) {
-                left[k % q] += (z - y) * (z - y);
-            }
+            add_squares(&mut left, &part.measured, &y);
         }
         let moved = || left.iter().zip(&self.spread).filter(|(_, s)| **s > 0.0);
-        let error = moved().map(|(left, spread)| left / spread).sum::<f64>() / moved().count().max(1) as f64;
+        let error = moved().map(|((left, _), spread)| left / spread).sum::<f64>() / moved().count().max(1) as f64;
         error.is_finite().then_some(error)
     }
 }

@@ -3,7 +3,7 @@
 pub use crate::uncertainty::parameters::{ParameterEstimate, Status, Symmetric};
 
 use crate::degenerate::Degeneracy;
-use crate::residuals::{NoiseVariation, OutputFit};
+use crate::residuals::{NoiseVariation, OutputFit, residuals};
 use crate::table_nodes::TableEstimate;
 use crate::termination::Termination;
 use crate::uncertainty::curvature::Curvature;
@@ -22,6 +22,22 @@ pub struct RunFit {
     pub response: Vec<f64>,
     /// Measured minus model, N by q row-major; NaN where nothing was measured.
     pub residuals: Vec<f64>,
+}
+
+/// Compares the responses of runs (name and measurement of each) with what was measured, output by output.
+pub(crate) fn matches<'r>(
+    outputs: &[String],
+    runs: impl Iterator<Item = (&'r str, &'r [f64])>,
+    responses: Vec<Vec<f64>>,
+) -> (Vec<OutputFit>, Vec<RunFit>) {
+    let q = outputs.len();
+    let (mut compared, mut fits) = (Vec::new(), Vec::new());
+    for ((run, measured), response) in runs.zip(responses) {
+        let of = outputs.iter().enumerate();
+        compared.extend(of.map(|(o, name)| OutputFit::new(name, run, measured, &response, o, q)));
+        fits.push(RunFit { run: run.to_string(), residuals: residuals(measured, &response), response });
+    }
+    (compared, fits)
 }
 
 /// A bias that was removed: that of a parameter by the noise of measured regressors (SIMEX; Cook and Stefanski 1994).

@@ -163,7 +163,7 @@ impl<'a> ResidualVector<'a> {
                     for (o, output) in block.layout.outputs.iter().enumerate() {
                         let k = (block.first + sample) * q + o;
                         let Some(row) = rows[k] else { continue };
-                        residuals[row] = (measured[k] - block.y[sample * q + o]) * weights[o];
+                        residuals[row] = block.residual(measured, sample, o) * weights[o];
                         let line = &mut jacobian[row * width..][..width];
                         for (column, slope) in output.columns.iter().zip(block.row(sample, o)) {
                             line[unknowns.position(r, *column as usize)] = -slope * weights[o];

@@ -1,7 +1,7 @@
 //! The road from a problem to its estimate.
 
 use crate::degenerate::collapsed;
-use crate::estimate::{BiasCorrection, Estimate, ParameterEstimate, RunFit, Symmetric};
+use crate::estimate::{BiasCorrection, Estimate, ParameterEstimate, Symmetric, matches};
 use crate::held::with_undetermined_held;
 use crate::iteration::evaluation::{Evaluator, Failure, RunFailure};
 use crate::iteration::likelihood::{LikelihoodCost, of_parameters, space};
@@ -10,7 +10,6 @@ use crate::iteration::priors::Priors;
 use crate::lost_unknowns::{Lost, Pin};
 use crate::noise::Likelihood;
 use crate::problem::{Numbers, Options, Problem, ProblemError, ProblemRun};
-use crate::residuals::OutputFit;
 use crate::smoothness::{Chosen, SmoothTables, choose};
 use crate::termination::Termination;
 use crate::uncertainty::correction::{Ended, correct};
@@ -178,7 +177,9 @@ pub(crate) fn solve(
     parameters.extend(statistics.derived(problem, &unknowns, &values));
     let (covariance, correlations, corrected_covariance) = statistics.matrices(&members);
     let cost = end.is_ok().then_some(weights.cost).filter(|_| possible);
-    let (outputs, runs) = if end.is_ok() { matches(problem, responses) } else { (Vec::new(), Vec::new()) };
+    let responses = if end.is_ok() { responses } else { Vec::new() };
+    let measured = problem.runs.iter().map(|run| (run.name.as_str(), &run.measured[..]));
+    let (outputs, runs) = matches(&problem.outputs, measured, responses);
     let noise_of = |w: &crate::noise::Weights| Symmetric { size: q, values: w.covariance.clone() };
     let noise = match &conclusion {
         Some(conclusion) => conclusion.noise.as_ref().map(noise_of),
@@ -293,20 +294,6 @@ fn bias_corrections(reported: &[ParameterEstimate], likeliest: &[ParameterEstima
         })
     };
     reported.iter().zip(likeliest).filter_map(moved).collect()
-}
-
-/// Compares the final responses with the measurement.
-fn matches(problem: &Problem<'_>, responses: Vec<Vec<f64>>) -> (Vec<OutputFit>, Vec<RunFit>) {
-    let q = problem.outputs.len();
-    let (mut outputs, mut runs) = (Vec::new(), Vec::new());
-    for (run, response) in problem.runs.iter().zip(responses) {
-        for (o, name) in problem.outputs.iter().enumerate() {
-            outputs.push(OutputFit::new(name, &run.name, &run.measured, &response, o, q));
-        }
-        let residuals = run.measured.iter().zip(&response).map(|(z, y)| z - y).collect();
-        runs.push(RunFit { run: run.name.clone(), response, residuals });
-    }
-    (outputs, runs)
 }
 
 /// Why the start values could not be compared.

@@ -169,7 +169,7 @@ impl<'f> Freed<'f> {
 
     /// The normal equations at the estimates, outputs weighed by their residuals.
     fn step(&self) -> Option<Step> {
-        let (q, mut next) = (self.squares.len(), 0);
+        let mut next = 0;
         let mut shared = vec![0; self.open.len()];
         for (place, _) in shared.iter_mut().zip(&self.own).filter(|(_, own)| !**own) {
             *place = next;
@@ -193,7 +193,7 @@ impl<'f> Freed<'f> {
         self.stream(&mut |r, block| {
             for sample in 0..block.samples() {
                 for (o, weight) in weights.iter().enumerate() {
-                    let residual = self.runs[r].measured[(block.first + sample) * q + o] - block.y[sample * q + o];
+                    let residual = block.residual(&self.runs[r].measured, sample, o);
                     if residual.is_nan() {
                         continue;
                     }
@@ -221,7 +221,7 @@ impl<'f> Freed<'f> {
         self.stream(&mut |r, block| {
             for sample in 0..block.samples() {
                 for (o, left) in left.iter_mut().enumerate() {
-                    let residual = self.runs[r].measured[(block.first + sample) * q + o] - block.y[sample * q + o];
+                    let residual = block.residual(&self.runs[r].measured, sample, o);
                     if residual.is_nan() {
                         continue;
                     }

@@ -7,6 +7,7 @@ use super::predictor::{Predictor, responses};
 use super::runs::{DiagnosisOptions, Domain, Runs};
 use super::whitening::CommonNoise;
 use crate::noise::LogSpectrum;
+use fdm_estimate::residuals::add_squares;
 use fdm_estimate::{
     Changes, Continuation, Estimate, Fit, FitError, FitOptions, SpectralOptions, Work, fit, fit_spectra, starts,
 };
@@ -220,14 +221,9 @@ fn by_output_error(
 fn variances(current: &FittedModel, runs: &[Run], predictors: &[Predictor], theta: &[Vec<f64>]) -> Option<Vec<f64>> {
     let q = current.outputs();
     let answers = responses(&current.model, runs, predictors, theta)?;
-    let mut sums = vec![(0.0, 0.0); q];
-    for (run, y) in runs.iter().zip(&answers) {
-        for (k, (z, y)) in run.measured.iter().zip(y).enumerate().filter(|(_, (z, _))| !z.is_nan()) {
-            sums[k % q].0 += (z - y) * (z - y);
-            sums[k % q].1 += 1.0;
-        }
-    }
-    let of = |(sum, count): (f64, f64)| if sum > 0.0 { sum / count } else { 1.0 };
+    let mut sums = vec![(0.0, 0); q];
+    runs.iter().zip(&answers).for_each(|(run, y)| add_squares(&mut sums, &run.measured, y));
+    let of = |(sum, count): (f64, usize)| if sum > 0.0 { sum / count as f64 } else { 1.0 };
     let found: Vec<f64> = sums.into_iter().map(of).collect();
     found.iter().all(|v| v.is_finite()).then_some(found)
 }

@@ -6,6 +6,7 @@ use super::whitening::{CommonNoise, WhitenedResponse, Whitener};
 use crate::bins::{MeasuredRows, Record, Signals};
 use crate::diagnosis::FrequencyDomain;
 use crate::lack_of_fit::BinnedResidual;
+use fdm_estimate::residuals::residuals;
 use fdm_estimate::{BinResponse, ProblemRun, Response, RunResponse, SpectralBins};
 use fdm_grammar::model::Param;
 use fdm_system::dynamics::Dynamics;
@@ -75,7 +76,7 @@ impl Predictor {
 
     /// What a response leaves of that.
     pub(super) fn left_by(&self, run: &Run, response: &[f64]) -> Signals {
-        self.measured(run).iter().zip(response).map(|(z, y)| z - y).collect()
+        residuals(&self.measured(run), response)
     }
 
     /// The frequency of every row; none for samples.

@@ -11,6 +11,7 @@ use super::initial_fit::{Thoroughness, own_fit, plain_fit};
 use super::runs::{DiagnosisOptions, Domain, Runs};
 use crate::bins::Signals;
 use fdm_estimate::Work;
+use fdm_estimate::residuals::add_squares;
 use fdm_grammar::effect::NewParam;
 use fdm_grammar::model::Origin;
 use std::ops::Range;
@@ -140,15 +141,9 @@ pub(super) fn squares(
     runs: Runs<'_>,
     judged: Range<usize>,
 ) -> Vec<(f64, usize)> {
-    let q = fitted.outputs();
-    let mut sums = vec![(0.0, 0); q];
+    let mut sums = vec![(0.0, 0); fitted.outputs()];
     for r in judged {
-        let measured = fitted.predictors[r].measured(&runs.all[r]);
-        let cells = measured.iter().zip(&responses[r]).enumerate().filter(|(_, (z, _))| !z.is_nan());
-        for (k, (z, y)) in cells {
-            sums[k % q].0 += (z - y) * (z - y);
-            sums[k % q].1 += 1;
-        }
+        add_squares(&mut sums, &fitted.predictors[r].measured(&runs.all[r]), &responses[r]);
     }
     sums
 }

@@ -4,7 +4,7 @@ use super::error::FilterError;
 use super::likelihood::{Deviation, Lost, Setting};
 use super::scoring::{Found, minimise};
 use crate::combinations::ignored;
-use crate::estimate::{Estimate, ParameterEstimate, RunFit, Symmetric};
+use crate::estimate::{Estimate, ParameterEstimate, RunFit, Symmetric, matches};
 use crate::interpolation::uncompared;
 use crate::method::{Domain, Method};
 use crate::noise::Weights;
@@ -14,7 +14,7 @@ use crate::output_error::integration_fault::IntegrationFault;
 use crate::output_error::noise_model::{refused, without_output_noise};
 use crate::output_error::options::FitOptions;
 use crate::output_error::single::{changed, starts};
-use crate::residuals::{OutputFit, run_quality};
+use crate::residuals::run_quality;
 use crate::termination::Termination;
 use crate::uncertainty::cramer_rao::CramerRao;
 use crate::uncertainty::parameters::Statistics;
@@ -144,7 +144,8 @@ fn concluded(
     let (mut parameters, covered, members) = statistics.parameters(&setting.problem, &unknowns, &values);
     parameters.extend(statistics.derived(&mut setting.problem, &unknowns, &values));
     let (covariance, correlations, corrected_covariance) = statistics.matrices(&members);
-    let (outputs, results) = matches(setting, predicted);
+    let measured = setting.runs.iter().map(|run| (run.name.as_str(), &run.measured[..]));
+    let (outputs, results) = matches(&setting.problem.outputs, measured, predicted);
     let estimate = Estimate {
         parameters,
         outputs,
@@ -287,20 +288,6 @@ fn covariance_of(setting: &Setting<'_>, values: &[f64]) -> Symmetric {
         covariance.values[o * q + o] = deviation * deviation;
     }
     covariance
-}
-
-/// Compares the predictions with the measurement.
-fn matches(setting: &Setting<'_>, predicted: Vec<Vec<f64>>) -> (Vec<OutputFit>, Vec<RunFit>) {
-    let q = setting.noise.len();
-    let (mut outputs, mut results) = (Vec::new(), Vec::new());
-    for (run, response) in setting.runs.iter().zip(predicted) {
-        for (o, name) in setting.problem.outputs.iter().enumerate() {
-            outputs.push(OutputFit::new(name, &run.name, &run.measured, &response, o, q));
-        }
-        let residuals = run.measured.iter().zip(&response).map(|(z, y)| z - y).collect();
-        results.push(RunFit { run: run.name.clone(), response, residuals });
-    }
-    (outputs, results)
 }
 
 /// The filter leaves the finite numbers already at the start.

@@ -6,6 +6,7 @@ use super::options::FitOptions;
 use super::single::single_fit;
 use crate::method::SmoothBy;
 use crate::problem::Options;
+use crate::residuals::compared;
 use fdm_system::record::Run;
 use fdm_system::simulate::Simulator;
 
@@ -63,9 +64,9 @@ pub(crate) fn weights_by_validation(attempt: &Attempt<'_>) -> Result<Option<Vec<
 
 /// Half the squares of the residuals over the variances of the outputs' noise.
 fn misfit(measured: &[f64], y: &[f64], variance: impl Fn(usize) -> f64, outputs: usize) -> f64 {
-    let square = |(k, (z, y)): (usize, (&f64, &f64))| {
+    let square = |(k, residual): (usize, f64)| {
         let variance = variance(k % outputs);
-        (!z.is_nan() && variance > 0.0).then(|| 0.5 * (z - y).powi(2) / variance)
+        (variance > 0.0).then(|| 0.5 * residual.powi(2) / variance)
     };
-    measured.iter().zip(y).enumerate().filter_map(square).sum()
+    compared(measured, y).filter_map(square).sum()
 }

@@ -13,8 +13,8 @@ use crate::estimate::{Estimate, RunFit, Symmetric};
 use crate::method::{Domain, Method};
 use crate::noise::Noise;
 use crate::problem::{Options, Problem, ProblemRun};
-use crate::residuals::OutputFit;
 use crate::residuals::noise_variation::{OutputSeries, test};
+use crate::residuals::{OutputFit, residuals};
 use crate::response::RunResponse;
 use crate::solve::estimate;
 use crate::uncertainty::sandwich::NoiseColour;
@@ -420,7 +420,7 @@ impl Fitting<'_> {
             let response: Vec<f64> = y.chunks_exact(simulated).flat_map(|y| y[..q].iter().copied()).collect();
             let run = &self.runs[r];
             let measured = &run.measured;
-            let residuals: Vec<f64> = measured.iter().zip(&response).map(|(z, y)| z - y).collect();
+            let residuals = residuals(measured, &response);
             let deviation = |(k, v): (usize, &f64)| {
                 let place = self.deviations[k % q].filter(|_| !v.is_nan())?;
                 Some(1.0 / y[k / q * simulated + place].abs())

@@ -11,10 +11,9 @@ use super::fit::Fit;
 use super::loss::Loss;
 use super::options::FitOptions;
 use crate::derived::DerivedQuantities;
-use crate::estimate::{Estimate, ParameterEstimate, RunFit};
+use crate::estimate::{Estimate, ParameterEstimate, RunFit, matches};
 use crate::noise::Noise;
 use crate::problem::{Options, Problem, ProblemRun};
-use crate::residuals::OutputFit;
 use crate::response::RunResponse;
 use crate::solve::estimate;
 use crate::termination::Termination;
@@ -124,17 +123,15 @@ impl Fitting<'_> {
 
 /// The estimate with the residuals of what was measured; its cost is that of the loss.
 fn with_own(found: Estimate, runs: &[Run], (loss, scales): (Loss, &[f64]), q: usize) -> Estimate {
-    let (mut outputs, mut own, mut cost, mut count) = (Vec::new(), Vec::new(), 0.0, 0.0);
-    for (run, fit) in runs.iter().zip(&found.runs) {
-        for (o, of) in found.outputs.iter().filter(|o| o.run == run.name).enumerate() {
-            outputs.push(OutputFit::new(&of.name, &run.name, &run.measured, &fit.response, o, q));
-        }
-        let residuals: Vec<f64> = run.measured.iter().zip(&fit.response).map(|(z, y)| z - y).collect();
-        for (k, v) in residuals.iter().enumerate().filter(|(_, v)| !v.is_nan()) {
+    let names: Vec<String> = found.outputs.iter().take(q).map(|output| output.name.clone()).collect();
+    let measured = runs.iter().map(|run| (run.name.as_str(), &run.measured[..]));
+    let (outputs, own) = matches(&names, measured, found.runs.iter().map(|fit| fit.response.clone()).collect());
+    let (mut cost, mut count) = (0.0, 0.0);
+    for fit in &own {
+        for (k, v) in fit.residuals.iter().enumerate().filter(|(_, v)| !v.is_nan()) {
             cost += loss.cost(v / scales[k % q]) + scales[k % q].ln() + loss.constant();
             count += 1.0;
         }
-        own.push(RunFit { run: run.name.clone(), response: fit.response.clone(), residuals });
     }
     // Huber's loss is that of no law
     let is_law = matches!(loss, Loss::Student(_));

@@ -13,6 +13,7 @@ mod distribution;
 mod input_correlation;
 pub(crate) mod noise_variation;
 mod output_fit;
+mod residual;
 mod unexplained;
 mod whiteness;
 
@@ -23,5 +24,6 @@ pub use distribution::Distribution;
 pub use input_correlation::InputCorrelation;
 pub use noise_variation::{Cause, NoiseVariation, Trend};
 pub use output_fit::{OutputFit, TicParts};
+pub use residual::{add_squares, compared, residuals};
 pub use unexplained::Unexplained;
 pub use whiteness::{ResidualSpectrum, RunsTest, Untested, Whiteness};

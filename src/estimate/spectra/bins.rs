@@ -8,6 +8,7 @@ use super::error::SpectralError;
 use super::options::SpectralOptions;
 use super::response::SpectralResponse;
 use super::setting::{Setting, band, is_linear, of_run, samples};
+use crate::residuals::residuals;
 use crate::response::{Response, TimeResponse};
 use fdm_grammar::carried::CarriedTerm;
 use fdm_grammar::graph::Leaf;
@@ -163,7 +164,7 @@ impl SpectralBins {
             let all = [theta, &own].concat();
             let mut y = vec![0.0; rest.len()];
             response.simulate(&all, &mut y)?;
-            rest = measured.iter().zip(&y).map(|(z, y)| z - y).collect();
+            rest = residuals(&measured, &y);
         }
         Ok(own)
     }

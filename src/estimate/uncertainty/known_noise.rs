@@ -53,7 +53,7 @@ fn middle(
     let measured = &run.measured;
     let streamed = response.sensitivities(theta, &unknowns.columns, &mut |block| {
         for sample in 0..block.samples() {
-            sizes.0 += (measured[block.first + sample] - block.y[sample]).powi(2);
+            sizes.0 += block.residual(measured, sample, 0).powi(2);
             let row = &mut rows[(block.first + sample) * width..][..width];
             for (c, value) in block.layout.outputs[0].columns.iter().zip(block.row(sample, 0)) {
                 row[*c as usize] = value * weights[*c as usize];

@@ -44,11 +44,11 @@ impl SpectralRows {
         let streamed = response.sensitivities(theta, &unknowns.columns, &mut |block: Block<'_>| {
             for (sample, o) in (0..block.samples()).flat_map(|s| (0..q).map(move |o| (s, o))) {
                 let at = block.first + sample;
-                let (k, z) = (at / 2, measured[at * q + o]);
-                if z.is_nan() {
+                let k = at / 2;
+                if measured[at * q + o].is_nan() {
                     continue;
                 }
-                set(&mut rows.residuals[o * count + k], at, z - block.y[sample * q + o]);
+                set(&mut rows.residuals[o * count + k], at, block.residual(measured, sample, o));
                 for (c, value) in block.layout.outputs[o].columns.iter().zip(block.row(sample, o)) {
                     let c = *c as usize;
                     if scale[c] > 0.0 {
