@@ -16,7 +16,8 @@ pub use fdm_cli::{main_with, request};
 #[cfg(feature = "discover")]
 pub use fdm_discover as diagnose;
 pub use fdm_estimate as estimate;
-pub use fdm_estimate::{equation_error, residuals};
+pub use fdm_estimate::methods::equation_error;
+pub use fdm_estimate::residuals;
 #[doc(hidden)]
 pub use fdm_grammar as grammar;
 pub use fdm_grammar::effect;

@@ -136,7 +136,7 @@ fn one_flight(what: &str, frequencies: &Frequencies, part: f64) -> SpectralFit {
         fit.estimate.iterations,
         begin.elapsed().as_secs_f64(),
         100.0 * part,
-        fit.ends.len()
+        fit.end_points.len()
     );
     assert!(fit.is_good());
     println!("{:>6} {:>10} {:>10} {:>11} {:>10} {:>6}", "", "true", "estimate", "Cramer-Rao", "corrected", "z");

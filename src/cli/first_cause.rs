@@ -2,7 +2,7 @@
 
 use crate::progress::Progress;
 use fdm_doctor::{first_cause, leading};
-use fdm_estimate::residuals::Unexplained;
+use fdm_estimate::Unexplained;
 use fdm_estimate::{Estimate, Work};
 use fdm_results::documents::{About, FitDocument};
 use fdm_system::Model;

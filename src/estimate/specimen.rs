@@ -1,8 +1,8 @@
 //! Models in closed form for tests, and reproducible noise.
 
-use crate::derived::DerivedQuantities;
+use crate::problem::derived::DerivedQuantities;
+use crate::problem::response::{Response, RunResponse, TimeResponse};
 use crate::problem::{Problem, ProblemRun};
-use crate::response::{Response, RunResponse, TimeResponse};
 use fdm_grammar::model::{Origin, Param, Quantity};
 pub(super) use fdm_numeric::random::Normal;
 use fdm_system::simulate::{Block, Divergence, RowLayout, Sink};

@@ -166,7 +166,7 @@ fn responses_are_those_of_the_same_equations_stage_by_stage() {
                 let want = response(&hidden, run, Steps::equal(Scheme::RungeKutta, 96));
                 let mut all = vec![Steps::equal(Scheme::RungeKutta, 96)];
                 if own.layout().affine.rates {
-                    all.extend([1, 3].map(|per| Steps::equal(Scheme::Recursion { subsystems: parts }, per)));
+                    all.extend([1, 3].map(|per| Steps::equal(Scheme::ExactDiscretisation { subsystems: parts }, per)));
                 }
                 for steps in all {
                     let (y, jacobian) = response(&own, run, steps);

@@ -1,7 +1,7 @@
 //! Recursive least squares with forgetting, and the iterate whose simulation errs least.
 
 use fdm::Model;
-use fdm::equation_error::{Detrend, Preprocessing, Recursion, RecursiveOptions, RegressionError, recursive};
+use fdm::equation_error::{Detrend, Preprocessing, RecursiveEstimates, RecursiveOptions, RegressionError, recursive};
 use fdm::estimate::{BestOptions, Criterion, FitOptions, Work, best_iterate, fit};
 use fdm::record::Run;
 use fdm::simulate::Simulator;
@@ -34,7 +34,7 @@ fn flown(model: &Model, truth: &[(&str, f64)], deviation: f64, seed: u64, sample
     flight.record("flight", seed, |t, _| (0..model.layout().inputs).map(|k| drive(t, k)).collect())
 }
 
-fn column(found: &Recursion, name: &str) -> usize {
+fn column(found: &RecursiveEstimates, name: &str) -> usize {
     found.parameters.iter().position(|p| p.name == name).unwrap_or_else(|| panic!("no {name}"))
 }
 

@@ -192,7 +192,7 @@ impl<'a> Tiles<'a> {
     ) -> Option<()> {
         let record = &self.runs.all[run];
         // a recursion is exact: its place is taken by steps that are fine enough from the first
-        let finer = usize::from(matches!(self.own[run].scheme(), Scheme::Recursion { .. }));
+        let finer = usize::from(matches!(self.own[run].scheme(), Scheme::ExactDiscretisation { .. }));
         let steps = steps_at(&self.own[run], level + finer, false);
         let numbers = record.len() * self.current.outputs();
         let width = (NUMBERS / numbers.max(1) / 8 * 8).clamp(8, COLUMNS);
@@ -287,7 +287,7 @@ impl<'a> Tiles<'a> {
         let affine = Affine::of(&attached.definition).rates;
         let of = |own: &Steps| match own.scheme() {
             // exact: nothing can be halved
-            Scheme::Recursion { .. } if affine => steps_at(own, 0, affine),
+            Scheme::ExactDiscretisation { .. } if affine => steps_at(own, 0, affine),
             _ => steps_at(own, level, affine),
         };
         let predictors = self.own.iter().map(|own| Predictor::Steps(of(own))).collect();

@@ -244,7 +244,7 @@ impl Predictor {
     pub(super) fn finer(&self) -> Self {
         match self {
             Self::Steps(steps) => {
-                let enough = matches!(steps.scheme(), Scheme::Recursion { .. }) || steps.most() >= ENOUGH;
+                let enough = matches!(steps.scheme(), Scheme::ExactDiscretisation { .. }) || steps.most() >= ENOUGH;
                 Self::Steps(if enough { steps.clone() } else { steps.halved() })
             }
             bins => bins.clone(),

@@ -9,9 +9,9 @@
 //! sensitivities, and is used only where full steps fail.
 
 use super::sums::{Moments, Sums};
+use crate::problem::response::RunResponse;
+use crate::problem::unknowns::Unknowns;
 use crate::problem::{Problem, ProblemRun};
-use crate::response::RunResponse;
-use crate::unknowns::Unknowns;
 use fdm_numeric::least_squares::AHEAD;
 use fdm_system::simulate::{Block, Divergence, Planes};
 use rayon::prelude::*;

@@ -3,8 +3,8 @@
 use super::evaluation::{Evaluator, RunFailure, Want};
 use super::priors::{PriorRow, Priors};
 use super::sums::{Group, Sums};
-use crate::noise::{Likelihood, Weights};
-use crate::unknowns::Unknowns;
+use crate::problem::noise::{Likelihood, Weights};
+use crate::problem::unknowns::Unknowns;
 use fdm_numeric::least_squares::{GaussNewton, Options as StepOptions, Problem, Space};
 use fdm_numeric::quadratic::Quadratic;
 

@@ -329,8 +329,8 @@ fn slopes_by_logarithms_are_those_of_differences() {
     use crate::iteration::evaluation::Evaluator;
     use crate::iteration::likelihood::LikelihoodCost;
     use crate::iteration::priors::Priors;
-    use crate::noise::Likelihood;
-    use crate::unknowns::Unknowns;
+    use crate::problem::noise::Likelihood;
+    use crate::problem::unknowns::Unknowns;
     use fdm_numeric::least_squares::{GaussNewton, Problem as _, Space};
     let mut problem = by_logarithms([0.7, 0.4]);
     problem.params[0].prior = Some(fdm_grammar::model::Prior { mean: 1.0, deviation: 0.3 });

@@ -1,11 +1,11 @@
 //! What follows a fit by squares and noise of one size: the noise that the model states, or the loss that was asked for.
 
-use crate::output_error::attempt::Attempt;
-use crate::output_error::error::FitError;
-use crate::output_error::fit::Fit;
-use crate::output_error::noise_model::{deviations, fit_noise_model};
-use crate::output_error::robust::fit_robust;
-use crate::termination::Termination;
+use crate::methods::output_error::attempt::Attempt;
+use crate::methods::output_error::error::FitError;
+use crate::methods::output_error::fit::Fit;
+use crate::methods::output_error::noise_model::{deviations, fit_noise_model};
+use crate::methods::output_error::robust::fit_robust;
+use crate::work::termination::Termination;
 use fdm_system::model::Model;
 
 /// Goes on from `first`, which was fitted by squares from the same starts. Stated noise is tried from where that ended and from the starts

@@ -2,13 +2,13 @@
 //! with other weights of the outputs. Parameters that settle as the record grows, and stay under other weights, deserve
 //! confidence; those that wander do not.
 
-use crate::estimate::ParameterEstimate;
-use crate::noise::Noise;
-use crate::output_error::attempt::{Attempt, after};
-use crate::output_error::error::FitError;
-use crate::output_error::fit::{Fit, LengthFit, Reweighting, Variation, Weight};
-use crate::output_error::options::FitOptions;
+use crate::estimation::estimate::ParameterEstimate;
+use crate::methods::output_error::attempt::{Attempt, after};
+use crate::methods::output_error::error::FitError;
+use crate::methods::output_error::fit::{Fit, LengthFit, Reweighting, Variation, Weight};
+use crate::methods::output_error::options::FitOptions;
 use crate::problem::Options;
+use crate::problem::noise::Noise;
 use crate::recovery::continuation::Length;
 use crate::recovery::fallback::refit;
 use fdm_system::record::Run;
@@ -164,8 +164,8 @@ fn change(base: &ParameterEstimate, varied: &Fit) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::estimate::Status;
-    use crate::termination::{Reason, Termination};
+    use crate::estimation::estimate::Status;
+    use crate::work::termination::{Reason, Termination};
 
     fn parameter(name: &str, value: f64, error: Option<f64>) -> ParameterEstimate {
         ParameterEstimate {

@@ -4,12 +4,12 @@
 //! What a short record does not determine is pulled weakly towards the start values, so that it does not fly away
 //! before the record is long enough; the whole record is fitted without that.
 
-use crate::output_error::attempt::Attempt;
-use crate::output_error::defect::trouble;
-use crate::output_error::error::FitError;
-use crate::output_error::fit::{Fit, LengthFit};
-use crate::output_error::options::{Continuation, FitOptions};
-use crate::output_error::single::single_fit;
+use crate::methods::output_error::attempt::Attempt;
+use crate::methods::output_error::defect::trouble;
+use crate::methods::output_error::error::FitError;
+use crate::methods::output_error::fit::{Fit, LengthFit};
+use crate::methods::output_error::options::{Continuation, FitOptions};
+use crate::methods::output_error::single::single_fit;
 use crate::problem::Options;
 use crate::recovery::free_response::FreeResponse;
 use crate::work::Work;

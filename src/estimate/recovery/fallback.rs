@@ -3,19 +3,19 @@
 //! The strategies are record-length continuation, substitution of measured states, and multiple shooting; one that was asked
 //! for is followed without being judged.
 
-use crate::output_error::attempt::Attempt;
-use crate::output_error::defect::{FitDefect, trouble};
-use crate::output_error::error::FitError;
-use crate::output_error::fit::{Fit, Recovery, RecoveryStrategy};
-use crate::output_error::options::{Continuation, Shooting};
-use crate::output_error::single::single_fit;
+use crate::methods::output_error::attempt::Attempt;
+use crate::methods::output_error::defect::{FitDefect, trouble};
+use crate::methods::output_error::error::FitError;
+use crate::methods::output_error::fit::{Fit, Recovery, RecoveryStrategy};
+use crate::methods::output_error::options::{Continuation, Shooting};
+use crate::methods::output_error::single::single_fit;
 use crate::recovery::continuation::{Length, LengthContinuation};
 use crate::recovery::free_response::FreeResponse;
 use crate::recovery::shooting::shoot;
 use crate::recovery::substitution::Substitution;
 use crate::residuals::{InputCorrelation, OutputQuality, run_quality};
-use crate::termination::Termination;
 use crate::work::Work;
+use crate::work::termination::Termination;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 

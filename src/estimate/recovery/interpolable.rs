@@ -5,15 +5,15 @@
 //! output is lowered by decades, which is a walk along the profile of the likelihood, and the noise is set free again where the walk has led. What is found
 //! there counts where it is likelier.
 
-use crate::degenerate::Degeneracy;
-use crate::estimate::{Estimate, Status};
-use crate::noise::Noise;
-use crate::output_error::attempt::Attempt;
-use crate::output_error::error::FitError;
-use crate::output_error::fit::Fit;
-use crate::output_error::options::{FitOptions, SharedSteps};
-use crate::output_error::single::single_fit;
+use crate::estimation::estimate::{Estimate, Status};
+use crate::methods::output_error::attempt::Attempt;
+use crate::methods::output_error::error::FitError;
+use crate::methods::output_error::fit::Fit;
+use crate::methods::output_error::options::{FitOptions, SharedSteps};
+use crate::methods::output_error::single::single_fit;
 use crate::problem::Options;
+use crate::problem::degenerate::Degeneracy;
+use crate::problem::noise::Noise;
 use crate::recovery::multi_start::is_likelier;
 
 /// Decades of a deviation. Each gains 2.3 of the logarithm of the likelihood for every sample that is met (ln 10), so that three tell which way the profile

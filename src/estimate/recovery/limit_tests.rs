@@ -1,9 +1,9 @@
 //! Limits bind every estimation that a fit makes, and what was reached by then is whole.
 
-use crate::output_error::options::{Continuation, FitOptions, MultiStart};
+use crate::methods::output_error::options::{Continuation, FitOptions, MultiStart};
+use crate::methods::time_domain::fit;
 use crate::problem::Options;
-use crate::termination::Termination;
-use crate::time_domain::fit;
+use crate::work::termination::Termination;
 use crate::work::{Observer, Work};
 use fdm_numeric::halt::{Halt, Stop};
 use fdm_numeric::least_squares::Iteration;

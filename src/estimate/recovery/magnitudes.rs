@@ -4,7 +4,7 @@
 //! Plain residuals see a response that has died away as one that is nearly right, and one that runs away as infinitely wrong: between the two there is no slope
 //! to follow. Magnitudes are as far from what was measured on both sides, and grow by one for every factor of e.
 
-use crate::response::{Response, TimeResponse};
+use crate::problem::response::{Response, TimeResponse};
 use fdm_system::record::Run;
 use fdm_system::simulate::{Block, Divergence, Simulator, Sink};
 

@@ -1,19 +1,19 @@
 //! Many starts: a fit from each, what came out of it, and which of them is the best. Where they lie is said in `spread.rs`.
 
-use crate::degenerate::Degeneracy;
-use crate::estimate::{ParameterEstimate, Status};
-use crate::output_error::attempt::{Attempt, after};
-use crate::output_error::error::FitError;
-use crate::output_error::fit::Fit;
-use crate::output_error::options::{Continuation, FitOptions};
+use crate::estimation::estimate::{ParameterEstimate, Status};
+use crate::methods::output_error::attempt::{Attempt, after};
+use crate::methods::output_error::error::FitError;
+use crate::methods::output_error::fit::Fit;
+use crate::methods::output_error::options::{Continuation, FitOptions};
 use crate::problem::Options;
+use crate::problem::degenerate::Degeneracy;
 use crate::recovery::completion::completed;
 use crate::recovery::fallback::attempt;
 use crate::recovery::screening::screened;
 use crate::recovery::spread::Spread;
-use crate::termination::Termination;
 use crate::work::budget::Budget;
 use crate::work::checkpoint::{CheckpointWriter, EstimationStates, SavedStates};
+use crate::work::termination::Termination;
 use crate::work::{StartSummary, Work};
 use fdm_numeric::halt::Halt;
 use fdm_system::model::Model;

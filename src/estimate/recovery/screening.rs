@@ -3,16 +3,16 @@
 //! A draw out of many decades is far from everything, and a fit from there ends where the response has died away. So many are drawn, compared by their
 //! [`magnitudes`], improved a little, thinned, improved more (successive halving: Jamieson and Talwalkar 2016); the last few go on by what is fitted.
 
-use crate::derived::DerivedQuantities;
-use crate::noise::Noise;
-use crate::output_error::attempt::Attempt;
-use crate::output_error::options::FitOptions;
-use crate::output_error::single::{chosen_steps, single_fit};
+use crate::estimation::solve::{cost_at, estimate};
+use crate::methods::output_error::attempt::Attempt;
+use crate::methods::output_error::options::FitOptions;
+use crate::methods::output_error::single::{chosen_steps, single_fit};
+use crate::problem::derived::DerivedQuantities;
+use crate::problem::noise::Noise;
+use crate::problem::response::RunResponse;
 use crate::problem::{Options, Problem, ProblemRun};
 use crate::recovery::magnitudes::{self, Magnitudes};
 use crate::recovery::spread::Spread;
-use crate::response::RunResponse;
-use crate::solve::{cost_at, estimate};
 use crate::work::Work;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
@@ -201,8 +201,8 @@ fn is_usable(model: &Model, runs: &[Run], start: &[Vec<f64>], options: &FitOptio
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::changes::Changes;
-    use crate::output_error::single::starts;
+    use crate::methods::output_error::single::starts;
+    use crate::problem::changes::Changes;
     use crate::recovery::multi_start;
     use fdm_numeric::halt::Stop;
 

@@ -1,7 +1,7 @@
 //! A run cut into segments with initial states of their own, as one response: behind the model's outputs stand the gaps
 //! at the cuts, one for each state, which are to be zero.
 
-use crate::response::{Response, TimeResponse};
+use crate::problem::response::{Response, TimeResponse};
 use fdm_grammar::graph::Leaf;
 use fdm_grammar::model::{Origin, Output, Param, Quantity};
 use fdm_system::model::Model;

@@ -4,11 +4,11 @@
 //! The response then depends on most parameters linearly, so that hardly any start is too poor; but noise enters through the
 //! equations, and the estimates of that first fit are biased by it.
 
-use crate::output_error::attempt::Attempt;
-use crate::output_error::error::{FitError, StrategyError};
-use crate::output_error::fit::Fit;
-use crate::output_error::options::FitOptions;
-use crate::output_error::single::single_fit;
+use crate::methods::output_error::attempt::Attempt;
+use crate::methods::output_error::error::{FitError, StrategyError};
+use crate::methods::output_error::fit::Fit;
+use crate::methods::output_error::options::FitOptions;
+use crate::methods::output_error::single::single_fit;
 use crate::problem::Options;
 use fdm_grammar::diagnostic::nearest;
 use fdm_system::model::Model;

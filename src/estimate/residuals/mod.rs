@@ -14,7 +14,6 @@ mod input_correlation;
 pub(crate) mod noise_variation;
 mod output_fit;
 mod residual;
-mod unexplained;
 mod whiteness;
 
 pub use analysis::{OutputQuality, Signals, residual_quality, run_quality};
@@ -25,5 +24,4 @@ pub use input_correlation::InputCorrelation;
 pub use noise_variation::{Cause, NoiseVariation, Trend};
 pub use output_fit::{OutputFit, TicParts};
 pub use residual::{add_squares, compared, residuals};
-pub use unexplained::Unexplained;
 pub use whiteness::{ResidualSpectrum, RunsTest, Untested, Whiteness};

@@ -39,7 +39,7 @@ pub(crate) fn correct(
         Numbers::Coefficients => {
             let mut own = corrected_spectra(problem, unknowns, values, bound, priors())?;
             let variation = match ended.good && work.goes_on() {
-                true => allow_spectra(problem, unknowns, values, bound, &mut own, work)?,
+                true => allow_spectra(problem, unknowns, values, bound, &mut own)?,
                 false => Vec::new(),
             };
             Ok((own, variation))

@@ -3,9 +3,9 @@
 use super::cramer_rao::CramerRao;
 use super::sandwich::{Corrected, Sandwich, Uncorrected};
 use crate::iteration::priors::PriorRow;
+use crate::problem::response::{KnownNoise, RunResponse};
+use crate::problem::unknowns::Unknowns;
 use crate::problem::{Problem, ProblemRun};
-use crate::response::{KnownNoise, RunResponse};
-use crate::unknowns::Unknowns;
 
 /// Corrects the covariance of a bound at `values`; of all runs the noise is known, and all have one output.
 ///

@@ -4,8 +4,8 @@
 use super::cramer_rao::CramerRao;
 use super::spectral_colour::SpectralColour;
 use crate::iteration::priors::PriorRow;
+use crate::problem::unknowns::Unknowns;
 use crate::residuals::autoregression::AutoRegression;
-use crate::unknowns::Unknowns;
 use fdm_numeric::dense::{multiply, multiply_to_symmetric};
 use fdm_numeric::quadratic::Inverse;
 use nalgebra::DMatrix;

@@ -13,8 +13,8 @@ use super::sandwich::{Corrected, Sandwich, Uncorrected};
 use super::spectral_colour::SpectralColour;
 use super::spectral_rows::{Power, SpectralRows, independent, reach};
 use crate::iteration::priors::PriorRow;
+use crate::problem::unknowns::Unknowns;
 use crate::problem::{Problem, ProblemRun};
-use crate::unknowns::Unknowns;
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 

@@ -2,8 +2,8 @@
 
 use super::sandwich::{Sandwich, Uncorrected};
 use crate::problem::ProblemRun;
-use crate::response::RunResponse;
-use crate::unknowns::Unknowns;
+use crate::problem::response::RunResponse;
+use crate::problem::unknowns::Unknowns;
 use fdm_system::simulate::Block;
 use fdm_system::spectrum::Overlap;
 use num_complex::Complex64;

@@ -3,11 +3,14 @@
 pub(crate) mod budget;
 pub(crate) mod checkpoint;
 mod observer;
+pub(crate) mod termination;
 
 pub use checkpoint::CheckpointStore;
-pub use observer::{Observer, StartSummary, UnknownName};
+pub use observer::{Observer, StartSummary};
+pub(crate) use termination::Termination;
 
-use crate::termination::Termination;
+use crate::problem::unknowns::UnknownName;
+
 use budget::Budget;
 use checkpoint::EstimationStates;
 use fdm_numeric::halt::{Halt, Stop};

@@ -1,20 +1,10 @@
 //! What can be seen of long work.
 
-use crate::degenerate::Degeneracy;
-use crate::termination::Termination;
+use crate::problem::degenerate::Degeneracy;
+use crate::problem::unknowns::UnknownName;
+use crate::work::termination::Termination;
 use fdm_numeric::least_squares::Iteration;
 use serde::{Deserialize, Serialize};
-
-/// What is estimated, as it is called while the estimation works.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct UnknownName {
-    /// The parameter.
-    pub name: String,
-    /// The run that it belongs to; none when all runs share it.
-    pub run: Option<String>,
-    /// Its unit, as text.
-    pub unit: Option<String>,
-}
 
 /// What came out of one start.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

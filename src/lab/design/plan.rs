@@ -2,7 +2,7 @@
 
 use super::manoeuvre::{Kept, run, survey, within_limits};
 use super::question::Question;
-use fdm_estimate::{Halt, Information, Silence};
+use fdm_estimate::{Halt, Information, NoInformation};
 use fdm_results::documents::design::{Design, Gain, Manoeuvre, Outlook, Step};
 use rayon::prelude::*;
 
@@ -61,7 +61,7 @@ pub fn design(question: &Question<'_>, halt: &Halt) -> Result<Design, Vec<String
 }
 
 /// What the runs so far tell.
-pub(super) fn known(question: &Question<'_>) -> Result<Information, Silence> {
+pub(super) fn known(question: &Question<'_>) -> Result<Information, NoInformation> {
     let prior = Information::prior(question.model);
     if question.known.is_empty() {
         return Ok(prior);

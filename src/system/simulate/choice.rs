@@ -139,7 +139,7 @@ impl Choice<'_> {
                 let explicit = self.explicit(MOST_STEPS)?;
                 Ok(self.steadied(&explicit)?.unwrap_or(explicit))
             }
-            None | Some(Scheme::Recursion { .. }) => match self.linear() {
+            None | Some(Scheme::ExactDiscretisation { .. }) => match self.linear() {
                 Some(exact) if discrete::suits(self.dynamics.layout()) || scheme.is_some() => self.exact(exact),
                 Some(exact) => {
                     let worth = discrete::work(self.dynamics.layout(), self.run.len()) / self.work.runge_kutta;
@@ -156,7 +156,7 @@ impl Choice<'_> {
     fn linear(&self) -> Option<Scheme> {
         let layout = self.dynamics.layout();
         let suited = discrete::possible(layout) && Intervals::of(&Grid::new(&self.run.time, &1.into())).is_some();
-        suited.then(|| Scheme::Recursion { subsystems: discrete::subsystems(layout) })
+        suited.then(|| Scheme::ExactDiscretisation { subsystems: discrete::subsystems(layout) })
     }
 
     /// Steps of exact discretisation: only delayed inputs ask for more than one in an interval.
