@@ -12,7 +12,7 @@ use crate::progress::Progress;
 use clap::Args;
 use fdm_discover::{LackOfFit, RunResidual, lack_of_fit};
 use fdm_estimate::residuals::Baseline;
-use fdm_estimate::{Fit, fit, fit_from_beginnings};
+use fdm_estimate::{Fit, fit, fit_from_initial_conditions};
 use fdm_lab::posterior::Bands;
 use fdm_report::{
     Detail, band_table, band_verdict, baseline_table, estimate_text, fit_verdict, validation_by_frequency,
@@ -58,8 +58,8 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let prepared = arguments.delivery.prepare(&model, runs)?;
     let (_writer, _) = prepared.follow(&model, None, &mut progress);
     let result = match arguments.initial_from {
-        None => fit(&model, runs, &options, &mut progress),
-        Some(length) => fit_from_beginnings(&model, runs, length, &options, &mut progress),
+        None => fit(&model, runs, &options, &progress.work()),
+        Some(length) => fit_from_initial_conditions(&model, runs, length, &options, &progress.work()),
     };
     progress.finish();
     let fit = result.or_failure()?;

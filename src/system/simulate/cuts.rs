@@ -102,9 +102,7 @@ impl Cuts {
                 }
                 Turn::Kink { kink, .. } => self.passed[kink] = true,
             }
-            let row = &mut self.drive[..stretch.dynamics.layout().drive()];
-            stretch.drive_at(at, row);
-            let point = Point { t: stretch.t + at, x: &self.at, drive: row, known: stretch.known };
+            let point = stretch.point(at, &self.at, &mut self.drive);
             follower.turn(stretch, turn, point, work);
             self.start.copy_from_slice(&self.at);
             (begin, cuts) = (at, cuts + 1);
@@ -141,9 +139,7 @@ impl Cuts {
 
     /// The rate of a state where a trial has ended.
     fn rate(&mut self, stretch: &Stretch<'_>, (at, state): (f64, usize), work: &mut Workspace) -> f64 {
-        let row = &mut self.drive[..stretch.dynamics.layout().drive()];
-        stretch.drive_at(at, row);
-        let point = Point { t: stretch.t + at, x: &self.at, drive: row, known: stretch.known };
+        let point = stretch.point(at, &self.at, &mut self.drive);
         stretch.dynamics.rates(point, &mut self.rates[1], work);
         self.rates[1][state]
     }
@@ -151,9 +147,7 @@ impl Cuts {
     /// The first instant behind `begin`.
     fn earliest(&mut self, stretch: &Stretch<'_>, begin: f64, work: &mut Workspace) -> Option<(f64, Turn)> {
         let layout = stretch.dynamics.layout();
-        let row = &mut self.drive[..layout.drive()];
-        stretch.drive_at(begin, row);
-        let point = Point { t: stretch.t + begin, x: &self.start, drive: row, known: stretch.known };
+        let point = stretch.point(begin, &self.start, &mut self.drive);
         stretch.dynamics.rates(point, &mut self.rates[0], work);
         let mut found: Option<(f64, Turn)> = None;
         for row in 0..2 * layout.limited.len() {
@@ -245,9 +239,7 @@ impl Cuts {
     fn jumps(&mut self, stretch: &Stretch<'_>, (begin, sides): (f64, [f64; 2]), work: &mut Workspace) -> bool {
         for (side, at) in sides.into_iter().enumerate() {
             self.trial(stretch, (begin, at), work);
-            let row = &mut self.drive[..stretch.dynamics.layout().drive()];
-            stretch.drive_at(at, row);
-            let point = Point { t: stretch.t + at, x: &self.at, drive: row, known: stretch.known };
+            let point = stretch.point(at, &self.at, &mut self.drive);
             stretch.dynamics.rates(point, &mut self.rates[2 + side], work);
         }
         let [first, last, before, behind] = &self.rates;
@@ -278,9 +270,7 @@ impl Cuts {
         if count == 0 {
             return;
         }
-        let row = &mut self.drive[..stretch.dynamics.layout().drive()];
-        stretch.drive_at(stretch.h, row);
-        let point = Point { t: stretch.t + stretch.h, x: &self.end, drive: row, known: stretch.known };
+        let point = stretch.point(stretch.h, &self.end, &mut self.drive);
         stretch.dynamics.rates(point, &mut self.rates[1], work);
         for (part, switches) in PLACES.into_iter().zip(self.switches.chunks_exact_mut(count)) {
             between([&self.start, &self.end], [&self.rates[0], &self.rates[1]], (part, length), &mut self.at);
@@ -293,9 +283,7 @@ impl Cuts {
 
     /// A switching function where a trial has ended.
     fn switch(&mut self, stretch: &Stretch<'_>, (at, kink): (f64, usize), work: &mut Workspace) -> f64 {
-        let row = &mut self.drive[..stretch.dynamics.layout().drive()];
-        stretch.drive_at(at, row);
-        let point = Point { t: stretch.t + at, x: &self.at, drive: row, known: stretch.known };
+        let point = stretch.point(at, &self.at, &mut self.drive);
         stretch.dynamics.events(point, &mut self.switched, work);
         self.switched[kink]
     }

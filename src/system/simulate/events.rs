@@ -30,7 +30,7 @@ pub(super) struct Stretch<'a> {
     pub(super) known: &'a [f64],
 }
 
-impl Stretch<'_> {
+impl<'a> Stretch<'a> {
     fn layout(&self) -> &Layout {
         self.dynamics.layout()
     }
@@ -42,6 +42,16 @@ impl Stretch<'_> {
             let (a, b) = (self.drive[k], self.drive[2 * width + k]);
             *value = if part >= 1.0 { b } else { a + part * (b - a) };
         }
+    }
+
+    /// States at a time from the beginning of the step, with the drive there, for which `room` is.
+    pub(super) fn point<'p>(&self, from_begin: f64, x: &'p [f64], room: &'p mut [f64]) -> Point<'p>
+    where
+        'a: 'p,
+    {
+        let drive = &mut room[..self.layout().drive()];
+        self.drive_at(from_begin, drive);
+        Point { t: self.t + from_begin, x, drive, known: self.known }
     }
 
     /// Drive at the beginning, in the middle and at the end (3 rows) of a part, given by its ends.
@@ -263,9 +273,7 @@ impl Events {
         work: &mut Workspace,
         follower: &mut dyn Follower,
     ) -> bool {
-        let row = &mut self.trial.drive[..stretch.layout().drive()];
-        stretch.drive_at(at, row);
-        let point = Point { t: stretch.t + at, x: &self.at, drive: row, known: stretch.known };
+        let point = stretch.point(at, &self.at, &mut self.trial.drive);
         stretch.dynamics.events_and_partials(point, &mut self.partials, work);
         if !follower.event(stretch, Jump { event, partials: &self.partials, growth }) {
             return false;
@@ -286,10 +294,7 @@ impl Events {
         (event, instant): (usize, Instant),
         work: &mut Workspace,
     ) -> Option<usize> {
-        let layout = stretch.layout();
-        let row = &mut self.trial.drive[..layout.drive()];
-        stretch.drive_at(instant.at, row);
-        let point = Point { t: stretch.t + instant.at, x: &self.start, drive: row, known: stretch.known };
+        let point = stretch.point(instant.at, &self.start, &mut self.trial.drive);
         stretch.dynamics.events_and_partials(point, &mut self.partials, work);
         stretch.dynamics.rates(point, &mut self.slopes[0], work);
         let rising = guard_rate(stretch, &self.partials, event, &self.slopes[0]).0 >= 0.0;
@@ -323,10 +328,8 @@ impl Events {
         self.below.fill(begin);
         self.brackets.fill(None);
         for (from_begin, ends) in [begin, stretch.h].into_iter().zip(0..2) {
-            let row = &mut self.trial.drive[..stretch.layout().drive()];
-            stretch.drive_at(from_begin, row);
             let x = if ends == 0 { &self.start } else { &self.end };
-            let point = Point { t: stretch.t + from_begin, x, drive: row, known: stretch.known };
+            let point = stretch.point(from_begin, x, &mut self.trial.drive);
             stretch.dynamics.rates(point, &mut self.slopes[ends], work);
         }
         for look in LOOKS {
@@ -351,8 +354,6 @@ impl Events {
 
     /// Guards at a time from the beginning of the step.
     fn look(&mut self, stretch: &Stretch<'_>, from_begin: f64, at: Looked<'_>, work: &mut Workspace) {
-        let row = &mut self.trial.drive[..stretch.layout().drive()];
-        stretch.drive_at(from_begin, row);
         let x: &[f64] = match at {
             Looked::At(x) => x,
             Looked::End => &self.end,
@@ -362,7 +363,7 @@ impl Events {
                 &self.trial.x
             }
         };
-        let point = Point { t: stretch.t + from_begin, x, drive: row, known: stretch.known };
+        let point = stretch.point(from_begin, x, &mut self.trial.drive);
         stretch.dynamics.events(point, &mut self.values, work);
     }
 
@@ -390,10 +391,7 @@ impl Events {
         let end = stretch.h;
         let mut guard = |at: f64| {
             self.trial.take(stretch, (begin, at), &self.start, work);
-            let width = stretch.layout().drive();
-            let row = &mut self.trial.drive[..width];
-            stretch.drive_at(at, row);
-            let point = Point { t: stretch.t + at, x: &self.trial.x, drive: row, known: stretch.known };
+            let point = stretch.point(at, &self.trial.x, &mut self.trial.drive);
             stretch.dynamics.events(point, &mut self.values, work);
             self.values[event]
         };
