@@ -669,7 +669,8 @@ pub fn spectra(model: &Model, mut records: Vec<Record>, words: &[String]) -> Res
 /// [`Refusal`]
 pub fn modes(model: &Model) -> Result<Answer, Refusal> {
     let (trim, modes) = modes::modes(model)?;
-    Answer::of(modes_table(model, &trim, &modes, &[]), &ModesDocument::of(model, &trim, &modes, &[]), true)
+    let document = ModesDocument::of(model, &trim, &modes, &[]);
+    Answer::of(modes_table(&document), &document, true)
 }
 
 /// `fdm margins` of a result in memory.

@@ -1,8 +1,8 @@
 //! Which parameters the data tell apart badly: the correlations of all estimates as a map, and the worst as a list.
 
 use super::number::text;
-use super::section::Section;
 use super::subject::{Subject, called};
+use crate::section::Section;
 use maud::html;
 
 /// Correlations beyond this are listed.
@@ -10,7 +10,7 @@ const LISTED: f64 = 0.9;
 /// More parameters than this have no map: nobody could read it.
 const MOST: usize = 60;
 
-pub(super) fn section(subject: &Subject) -> Option<Section> {
+pub(crate) fn section(subject: &Subject) -> Option<Section> {
     let fit = subject.fit()?;
     let name = |k: &usize| fit.parameters.get(*k).map_or(String::new(), |p| called(&p.name, p.run.as_deref()));
     let names: Vec<String> = fit.correlations.parameters.iter().map(name).collect();
@@ -56,11 +56,11 @@ pub(super) fn section(subject: &Subject) -> Option<Section> {
             p.note { "Condition number of the scaled information matrix: " (text(condition, 3)) "." }
         }
     };
-    Some(Section::new("correlations", "Correlations", content))
+    Some(Section::drawn("correlations", "Correlations", content))
 }
 
 /// One of ten steps of the colour of a sign.
-pub(super) fn shade(r: f64, own: bool) -> String {
+pub(crate) fn shade(r: f64, own: bool) -> String {
     if own || !r.is_finite() {
         return "own".into();
     }

@@ -3,10 +3,10 @@
 use super::equations::{Line, lines, shown as set};
 use super::figure::{Figure, Look, Mark, Panel, Shape};
 use super::number::{bracketed, probability, shown, text};
-use super::section::{Section, Trust, Verdict};
 use super::subject::{Subject, called};
 use super::table::{Column, Table};
 use super::thinning::kept;
+use crate::section::{Point, Section, Trust, Verdict};
 use fdm_discover::{CurvePoint, FrontModel, LackOfFit, OutputGain, PlaceKind, Verdict as Found};
 use fdm_results::documents::{CauseDocument, DiagnosisDocument};
 use maud::{Markup, html};
@@ -20,7 +20,7 @@ const FEW: usize = 12;
 const ROWS: usize = 60;
 
 /// The sections of a diagnosis.
-pub(super) fn sections(subject: &Subject, found: &DiagnosisDocument) -> Vec<Section> {
+pub(crate) fn sections(subject: &Subject, found: &DiagnosisDocument) -> Vec<Section> {
     [
         wrong(subject, found),
         causes(found),
@@ -37,7 +37,7 @@ pub(super) fn sections(subject: &Subject, found: &DiagnosisDocument) -> Vec<Sect
 }
 
 /// In one sentence, and the sentences that stand below it, each with the section that shows it.
-pub(super) fn verdict(found: &DiagnosisDocument) -> Verdict {
+pub(crate) fn verdict(found: &DiagnosisDocument) -> Verdict {
     let p = format!("family-wise p {}", chance(found.family_wise_p));
     let (trust, sentence) = match found.verdict {
         Found::EffectFound => (Trust::Reserved, format!("Something is missing from the model ({p}).")),
@@ -72,7 +72,12 @@ pub(super) fn verdict(found: &DiagnosisDocument) -> Verdict {
         points.extend(found.lack_of_fit.iter().flat_map(|m| &m.sentences).map(|s| (s.clone(), "wrong")));
     }
     points.extend(found.residual_analysis.iter().map(|s| (s.clone(), "wrong")));
-    (trust, sentence, points)
+    Verdict {
+        trust,
+        sentence,
+        facts: None,
+        points: points.into_iter().map(|(sentence, anchor)| Point { sentence, anchor }).collect(),
+    }
 }
 
 fn chance(p: f64) -> String {
@@ -115,7 +120,7 @@ fn wrong(subject: &Subject, found: &DiagnosisDocument) -> Option<Section> {
             (law.markup())
         }
     };
-    Some(Section::new("wrong", "What is wrong", content))
+    Some(Section::drawn("wrong", "What is wrong", content))
 }
 
 /// An unmodelled nonlinearity over its variable.
@@ -161,7 +166,7 @@ fn entrance(kind: PlaceKind) -> &'static str {
 }
 
 /// All of them.
-pub(super) fn figures(subject: &Subject, found: &DiagnosisDocument) -> Vec<Figure> {
+pub(crate) fn figures(subject: &Subject, found: &DiagnosisDocument) -> Vec<Figure> {
     let time = subject.time();
     let lack_of_fit = found
         .lack_of_fit
@@ -234,7 +239,7 @@ fn causes(found: &DiagnosisDocument) -> Option<Section> {
         return None;
     }
     let content = html! { @for (k, c) in causes.iter().enumerate() { (cause(k, c)) } };
-    Some(Section::new("causes", "Causes", content))
+    Some(Section::drawn("causes", "Causes", content))
 }
 
 fn cause(k: usize, c: &CauseDocument) -> Markup {
@@ -307,7 +312,7 @@ fn front(found: &DiagnosisDocument) -> Option<Section> {
             } } }
         } }
     };
-    Some(Section::new("best-models", "Best models by size", content))
+    Some(Section::drawn("best-models", "Best models by size", content))
 }
 
 /// Errors over the number of effects.
@@ -361,7 +366,7 @@ fn change(subject: &Subject) -> Option<Section> {
             }
         }
     };
-    Some(Section::new("change", "The model, and what changes", content))
+    Some(Section::drawn("change", "The model, and what changes", content))
 }
 
 fn changed(operation: &DiffOp, before: &[Line], after: &[Line]) -> Markup {
@@ -410,7 +415,7 @@ fn gained(subject: &Subject, found: &DiagnosisDocument) -> Option<Section> {
             }
         }
     };
-    Some(Section::new("gain", "Before and after", content))
+    Some(Section::drawn("gain", "Before and after", content))
 }
 
 /// Runs that were held out stand first.
@@ -482,7 +487,7 @@ fn moved(found: &DiagnosisDocument) -> Option<Section> {
             } } }
         } }
     };
-    Some(Section::new("moved", "What the missing effect had moved", content))
+    Some(Section::drawn("moved", "What the missing effect had moved", content))
 }
 
 fn rejected(found: &DiagnosisDocument) -> Option<Section> {
@@ -503,7 +508,7 @@ fn rejected(found: &DiagnosisDocument) -> Option<Section> {
             } }
         }
     };
-    Some(Section::new("rejected", "What was fitted and not accepted", content))
+    Some(Section::drawn("rejected", "What was fitted and not accepted", content))
 }
 
 fn detectable(found: &DiagnosisDocument) -> Option<Section> {
@@ -523,5 +528,5 @@ fn detectable(found: &DiagnosisDocument) -> Option<Section> {
             } }
         }
     };
-    Some(Section::new("detectable", "What would have been seen", content))
+    Some(Section::drawn("detectable", "What would have been seen", content))
 }

@@ -73,7 +73,7 @@ pub(crate) enum Shape {
 }
 
 impl Look {
-    pub(super) fn word(self) -> &'static str {
+    pub(crate) fn word(self) -> &'static str {
         match self {
             Self::Measured => "measured",
             Self::Model => "model",
@@ -117,7 +117,7 @@ impl Mark {
 
 impl Figure {
     /// The figure with what the script needs; drawn already for readers without scripts.
-    pub(super) fn markup(&self) -> Markup {
+    pub(crate) fn markup(&self) -> Markup {
         html! {
             figure.plot id=(self.id) data-group=(self.group) {
                 figcaption {
@@ -139,7 +139,7 @@ impl Figure {
     }
 
     /// The marks that need a key: each once, and not those that the axis names already.
-    pub(super) fn key(&self) -> Vec<&Mark> {
+    pub(crate) fn key(&self) -> Vec<&Mark> {
         let mut found: Vec<&Mark> = Vec::new();
         for panel in &self.panels {
             for mark in panel.marks.iter().filter(|m| !m.name.is_empty() && !panel.label.starts_with(&m.name)) {
@@ -152,7 +152,7 @@ impl Figure {
     }
 
     /// Room beside the first and the last place, as a part of the axis: lines end at the frame, what stands alone is to be seen whole.
-    pub(super) fn margin(&self) -> f64 {
+    pub(crate) fn margin(&self) -> f64 {
         let marks = || self.panels.iter().flat_map(|p| &p.marks);
         if marks().any(|m| m.shape == Shape::Columns) {
             // half a column

@@ -2,10 +2,10 @@
 
 use super::figure::{Figure, Look, Mark, Panel, Shape};
 use super::number::{bracketed, shown};
-use super::section::Section;
 use super::subject::Subject;
 use super::table::{Column, Table};
 use super::thinning::kept;
+use crate::section::Section;
 use maud::html;
 
 /// Points of all figures together, and of one at least and at most.
@@ -19,7 +19,7 @@ const PARTS: [&str; 6] = ["model", "residual", "low", "high", "measured_low", "m
 /// Inputs in one figure.
 const INPUTS: usize = 6;
 
-pub(super) fn section(subject: &Subject) -> Option<Section> {
+pub(crate) fn section(subject: &Subject) -> Option<Section> {
     if subject.runs.is_empty() {
         return None;
     }
@@ -32,11 +32,11 @@ pub(super) fn section(subject: &Subject) -> Option<Section> {
             }
         }
     };
-    Some(Section::new("histories", "Time histories", content))
+    Some(Section::drawn("histories", "Time histories", content))
 }
 
 /// All of them, run by run.
-pub(super) fn figures(subject: &Subject) -> Vec<Figure> {
+pub(crate) fn figures(subject: &Subject) -> Vec<Figure> {
     let most = most(subject);
     let runs = subject.runs.iter().enumerate();
     runs.flat_map(|(k, (run, table))| figures_of(subject, k, run, table, most)).collect()

@@ -2,8 +2,8 @@
 
 use super::figure::{Figure, Look, Mark, Panel, Shape};
 use super::number::{bracketed, shown, text};
-use super::section::{Section, Trust, Verdict};
 use super::subject::{Subject, called};
+use crate::section::{Point, Section, Trust, Verdict};
 use fdm_estimate::equation_error::{Chosen, Component, Dependence, EquationErrorFit, EquationQuality, Regressed};
 use fdm_results::documents::{KeptParameter, RegressionDocument};
 use maud::{Markup, html};
@@ -14,10 +14,11 @@ const LITTLE: f64 = 0.5;
 const DRAWN: usize = 24;
 
 /// What can be said in a sentence, and what speaks against the estimates.
-pub(super) fn verdict(found: &RegressionDocument) -> Verdict {
+pub(crate) fn verdict(found: &RegressionDocument) -> Verdict {
     let equations: Vec<&EquationQuality> = found.fits.iter().flat_map(|f| &f.equations).collect();
     let Some(worst) = equations.iter().min_by(|a, b| a.r_squared.total_cmp(&b.r_squared)) else {
-        return (Trust::Bad, "No equation is a regression.".into(), refusals(found).collect());
+        return Verdict::new(Trust::Bad, "No equation is a regression.")
+            .with_points(refusals(found).map(|(said, _)| said), "regressions");
     };
     let many = if equations.len() == 1 { "The regression" } else { "Of the regressions the worst" };
     let sentence = format!("{many} explains {} % of {}.", text(100.0 * worst.r_squared, 4), worst.equation);
@@ -43,14 +44,19 @@ pub(super) fn verdict(found: &RegressionDocument) -> Verdict {
         points.push((format!("Not estimated, so that their values stay: `{kept}`"), "parameters"));
     }
     let trust = if points.is_empty() { Trust::Good } else { Trust::Reserved };
-    (trust, sentence, points)
+    Verdict {
+        trust,
+        sentence,
+        facts: None,
+        points: points.into_iter().map(|(sentence, anchor)| Point { sentence, anchor }).collect(),
+    }
 }
 
 fn refusals(found: &RegressionDocument) -> impl Iterator<Item = (String, &'static str)> {
     found.refused.iter().map(|r| (format!("Left out: {}", r.reason), "regressions"))
 }
 
-pub(super) fn sections(subject: &Subject) -> Vec<Section> {
+pub(crate) fn sections(subject: &Subject) -> Vec<Section> {
     let Some(found) = subject.regression().filter(|found| !found.fits.is_empty()) else { return Vec::new() };
     let content = html! {
         div.scroll { table {
@@ -67,10 +73,10 @@ pub(super) fn sections(subject: &Subject) -> Vec<Section> {
         }
         @for figure in components(found) { (figure.markup()) }
     };
-    let mut sections = vec![Section::new("regressions", "Regressions", content)];
+    let mut sections = vec![Section::drawn("regressions", "Regressions", content)];
     let depend = dependence(subject, found);
     if !depend.is_empty() {
-        sections.push(Section::new(
+        sections.push(Section::drawn(
             "dependence",
             "Dependence on the data",
             html! {
@@ -98,7 +104,7 @@ fn terms(fit: &EquationErrorFit) -> Markup {
 }
 
 /// All of them.
-pub(super) fn figures(subject: &Subject) -> Vec<Figure> {
+pub(crate) fn figures(subject: &Subject) -> Vec<Figure> {
     let Some(found) = subject.regression() else { return Vec::new() };
     components(found).into_iter().chain(dependence(subject, found)).collect()
 }

@@ -3,8 +3,8 @@
 use super::correlations::shade;
 use super::figure::{Figure, Look, Mark, Panel, Shape};
 use super::number::{bracketed, text, written};
-use super::section::Section;
 use super::subject::Subject;
+use crate::section::Section;
 use fdm_estimate::{NodeEstimate, Smoothing, TableAxis, TableEstimate};
 use fdm_results::documents::digits_by_error;
 use maud::{Markup, html};
@@ -20,7 +20,7 @@ fn estimated(subject: &Subject) -> Vec<&TableEstimate> {
     tables.filter(|t| t.nodes.iter().any(|n| n.parameter.is_some())).take(MOST).collect()
 }
 
-pub(super) fn section(subject: &Subject) -> Option<Section> {
+pub(crate) fn section(subject: &Subject) -> Option<Section> {
     let tables = estimated(subject);
     if tables.is_empty() {
         return None;
@@ -39,10 +39,10 @@ pub(super) fn section(subject: &Subject) -> Option<Section> {
         }
         p.note { "Orange is above zero, blue below; a node without a number was not visited by any run. Pointed at, a node tells its standard error." }
     };
-    Some(Section::new("tables", "Tables", content))
+    Some(Section::drawn("tables", "Tables", content))
 }
 
-pub(super) fn figures(subject: &Subject) -> Vec<Figure> {
+pub(crate) fn figures(subject: &Subject) -> Vec<Figure> {
     estimated(subject).into_iter().enumerate().filter_map(|(k, table)| figure(k, table)).collect()
 }
 

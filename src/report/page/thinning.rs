@@ -2,7 +2,7 @@
 
 /// Indices of the samples that are drawn, rising; all where there are at most `most`. Lines are of one length; a value that is
 /// not there is kept where its whole part is not there, so that gaps remain.
-pub(super) fn kept(lines: &[&[f64]], most: usize) -> Vec<usize> {
+pub(crate) fn kept(lines: &[&[f64]], most: usize) -> Vec<usize> {
     let n = lines.first().map_or(0, |l| l.len());
     if n <= most {
         return (0..n).collect();

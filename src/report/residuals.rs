@@ -1,84 +1,87 @@
-//! Whether the residuals are noise: their autocorrelation, their spectrum, their distribution, and their correlation with every input, with
-//! bounds.
+//! The residuals: how large they are and what they consist of, and whether they are noise: their autocorrelation, their spectrum, their
+//! distribution, and their correlation with every input, with bounds.
 
-use super::figure::{Figure, Look, Mark, Panel, Shape};
-use super::number::{probability, shown};
-use super::section::Section;
-use super::subject::Subject;
-use fdm_estimate::residuals::{InputCorrelation, TicParts, Whiteness};
-use fdm_results::documents::OutputDocument;
-use maud::{Markup, html};
+use super::section::{Cell, Part, Rows, Section};
+use crate::page::figure::{Figure, Look, Mark, Panel, Shape};
+use crate::page::number::{probability, shown};
+use crate::page::subject::Subject;
+use crate::spectral::unit_of_frequency;
+use crate::text;
+use fdm_estimate::residuals::{InputCorrelation, OutputQuality, TicParts, Whiteness};
+use fdm_results::documents::{OutputDocument, digits, fixed};
 
 /// Outputs whose figures stand open.
 const OPEN: usize = 4;
+/// Part of the mean square residual that makes an offset stand out.
+const OFFSET: f64 = 0.2;
 
-pub(super) fn section(subject: &Subject) -> Option<Section> {
-    let outputs = subject.outputs();
-    if outputs.is_empty() {
-        return None;
+/// One row for each output of each run: size of the residual, what it consists of, and where that was asked the p-value of its whiteness.
+///
+/// `bias`, `var` and `cov` are the parts of Theil's coefficient; `white p` is the probability of residuals as correlated as
+/// these, were they white; `D-W` is the statistic of Durbin and Watson.
+pub(crate) fn table(outputs: &[OutputDocument]) -> Rows<&OutputDocument> {
+    let number = |v: Option<f64>, n: usize| v.map_or(String::from("-"), |v| digits(v, n));
+    let part = |o: &OutputDocument, of: fn(TicParts) -> f64| fixed(o.tic_parts.map(of), 2);
+    let mut table = Rows::over(outputs);
+    table.name("output", |o| o.name.clone());
+    table.words("run", |o| o.run.clone());
+    table.number("RMS", |o| number(o.rms, 4));
+    table.words("unit", |o| o.unit.clone().unwrap_or_default()).on_page();
+    table.number("mean", |o| number(o.mean, 2));
+    table.number("R^2", |o| fixed(o.r2, 4));
+    table.number("TIC", |o| fixed(o.tic, 4));
+    table.number("bias", |o| Cell::coloured(part(o, |p| p.bias), o.tic_parts.is_some_and(|p| p.bias > OFFSET)));
+    table.number("var", |o| part(o, |p| p.variance));
+    table.number("cov", |o| part(o, |p| p.covariance));
+    if outputs.iter().any(|o| o.whiteness.is_some()) {
+        table.number("white p", |o| match o.white().map(|w| w.p_value) {
+            None => "-".into(),
+            Some(p) if p < 1e-3 => "<0.001".into(),
+            Some(p) => format!("{p:.3}"),
+        });
+        table.number("D-W", |o| fixed(o.white().and_then(|w| w.durbin_watson), 2));
     }
-    let time = subject.time();
-    let content = html! {
-        (table(outputs))
-        @let predicted = subject.predicted();
-        @if !predicted.is_empty() {
-            h3 { "Validation runs" }
-            p.note { "Not fitted. What all runs share is held; initial states and biases are each run's own." }
-            (table(predicted))
-        }
-        p.note {
-            "Bias, size and rest are the parts of the mean square residual (Theil): a good model leaves only the rest. White residuals have a Durbin–Watson "
-            "statistic near 2 and a large p. Bands are two standard deviations, of spectra 95 %: at one of twenty lags, and in one of twenty bands, chance "
-            "leads beyond them. Errors of estimates hold for other distributions than the normal one too; outliers cost precision."
-        }
-        @for (k, o) in outputs.iter().enumerate() {
-            @if let Some(white) = o.white() {
-                details.run open[k < OPEN] {
-                    summary { (o.name) " in " (o.run) }
-                    div.pair { @for figure in figures_of(k, o, white, &time) { (figure.markup()) } }
-                }
-            }
-        }
-    };
-    Some(Section::new("residuals", "Residuals", content))
+    table.number("compared", |o| o.compared);
+    table
 }
 
-fn table(outputs: &[OutputDocument]) -> Markup {
-    html! {
-        div.scroll {
-            table {
-                thead { tr {
-                    th { "output" } th { "run" } th.number { "RMS" } th { "unit" } th.number { "mean" } th.number { "R²" } th.number { "TIC" }
-                    th.number { "bias" } th.number { "size" } th.number { "rest" } th.number { "white p" } th.number { "D–W" }
-                    th.number { "compared" }
-                } }
-                tbody {
-                    @for o in outputs {
-                        @let share = |part: fn(TicParts) -> f64| o.tic_parts.map(part).filter(|v| v.is_finite()).map_or("–".into(), |v| format!("{v:.2}"));
-                        tr {
-                            th scope="row" { code { (o.name) } }
-                            td { (o.run) }
-                            td.number { (shown(o.rms, 4)) }
-                            td { (o.unit.as_deref().unwrap_or_default()) }
-                            td.number { (shown(o.mean, 2)) }
-                            td.number { (shown(o.r2, 5)) }
-                            td.number { (shown(o.tic, 3)) }
-                            td.number.large[o.tic_parts.is_some_and(|p| p.bias > 0.2)] { (share(|p| p.bias)) }
-                            td.number { (share(|p| p.variance)) }
-                            td.number { (share(|p| p.covariance)) }
-                            td.number { (probability(o.white().map(|w| w.p_value))) }
-                            td.number { (shown(o.white().and_then(|w| w.durbin_watson), 3)) }
-                            td.number { (o.compared) }
-                        }
-                    }
-                }
-            }
-        }
-    }
+/// How well time histories are matched: size of the residual and Theil's coefficient of every output.
+pub fn prediction_table(quality: &[OutputQuality]) -> String {
+    let number = |v: Option<f64>, n: usize| v.map_or(String::new(), |v| digits(v, n));
+    let mut table = Rows::over(quality.iter().map(|q| &q.fit));
+    table.name("output", |o| o.name.clone());
+    table.words("run", |o| o.run.clone());
+    table.number("RMS", |o| number(o.rms, 4));
+    table.number("R^2", |o| number(o.r2, 5));
+    table.number("TIC", |o| number(o.tic, 3));
+    text::table(&table.table())
+}
+
+/// The residuals of the outputs in time.
+pub(crate) fn section(subject: &Subject) -> Option<Section> {
+    let (outputs, predicted, time) = (subject.outputs(), subject.predicted(), subject.time());
+    let note = "bias, var and cov are the parts of the mean square residual (Theil): a good model leaves only cov. White residuals have a Durbin–Watson \
+                statistic near 2 and a large p. Bands are two standard deviations, of spectra 95 %: at one of twenty lags, and in one of twenty bands, chance \
+                leads beyond them. Errors of estimates hold for other distributions than the normal one too; outliers cost precision.";
+    let predicted = (!predicted.is_empty()).then(|| {
+        let held = "Not fitted. What all runs share is held; initial states and biases are each run's own.";
+        [Part::Heading("Validation runs".into()), Part::Note(held.into()), table(predicted).into()]
+    });
+    let figures = outputs.iter().enumerate().filter_map(|(k, o)| {
+        let (summary, figures) = (format!("{} in {}", o.name, o.run), figures_of(k, o, o.white()?, &time));
+        Some(Part::Folded { summary, open: k < OPEN, class: "run", parts: vec![Part::Pair(figures)] })
+    });
+    (!outputs.is_empty()).then(|| {
+        Section::new("residuals", "Residuals")
+            .with(table(outputs))
+            .with_all(predicted.into_iter().flatten())
+            .with(Part::Note(note.into()))
+            .with_all(figures)
+    })
 }
 
 /// All of them, output by output.
-pub(super) fn figures(subject: &Subject) -> Vec<Figure> {
+pub(crate) fn figures(subject: &Subject) -> Vec<Figure> {
     let time = subject.time();
     let tested = subject.outputs().iter().enumerate().filter_map(|(k, o)| Some((k, o, o.white()?)));
     tested.flat_map(|(k, o, white)| figures_of(k, o, white, &time)).collect()
@@ -111,7 +114,7 @@ fn autocorrelation(k: usize, white: &Whiteness, time: &str) -> Figure {
 fn spectrum(k: usize, output: &OutputDocument, time: &str) -> Option<Figure> {
     let found = output.spectrum.as_ref()?.as_ref()?;
     let (at, density) = (found.frequency.clone(), found.density.clone());
-    let unit = if time == "s" { "Hz".to_string() } else { format!("cycles per {time}") };
+    let unit = unit_of_frequency(time);
     let id = format!("residual-spectrum-{}", k + 1);
     let marks = vec![
         Mark::between("of white noise", Look::Bound, Shape::Band, found.low.clone(), found.high.clone()),
