@@ -495,12 +495,12 @@ pub fn diagnose(
     };
     let name = Path::new(model.source().name());
     let changed = found.extended.as_ref().map(|text| difference(model.source().text(), text, name)).unwrap_or_default();
-    let mut text = diagnosis_text(&found);
+    let all: Vec<Record> = records.iter().chain(&validation).cloned().collect();
+    let document = DiagnosisDocument { records: judged(&model, &all), ..DiagnosisDocument::of(&found, None) };
+    let mut text = diagnosis_text(&document);
     if !changed.is_empty() {
         text.push_str(&format!("\n{changed}"));
     }
-    let all: Vec<Record> = records.iter().chain(&validation).cloned().collect();
-    let document = DiagnosisDocument { records: judged(&model, &all), ..DiagnosisDocument::of(&found, None) };
     let json = as_json(&document)?;
     let all: Vec<Run> = runs.iter().chain(&predicted).cloned().collect();
     let noise = options.fit.options.noise.clone();

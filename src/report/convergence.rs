@@ -9,7 +9,7 @@ use fdm_results::documents::digits;
 
 /// One row for the start and each iteration: cost, what it changed, damping, size, and how many steps were refused before it.
 pub fn history_table(history: &[Iteration]) -> String {
-    text::table(&table(history).table())
+    text::table(table(history))
 }
 
 fn table(history: &[Iteration]) -> Rows<&Iteration> {

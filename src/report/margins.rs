@@ -25,7 +25,7 @@ pub fn margins_text(margins: &MarginsDocument) -> String {
         ));
     }
     if !margins.requirements.is_empty() {
-        text.push_str(&format!("\n{}", text::table(&table(&margins.requirements).table())));
+        text.push_str(&format!("\n{}", text::table(table(&margins.requirements))));
     }
     let said = remarks(margins);
     said.iter().take(REMARKS).for_each(|said| text.push_str(&format!("\n{said}")));
@@ -183,5 +183,5 @@ fn modes_with_intervals(modes: &[ModeMargin], time: &str) -> String {
     });
     table.number(&format!("time to half [{time}]"), |m| open(m.time_to_half, m.time_to_half_interval));
     table.number(&format!("time to double [{time}]"), |m| open(m.time_to_double, m.time_to_double_interval));
-    text::table(&table.table())
+    text::table(table)
 }

@@ -54,7 +54,7 @@ pub fn prediction_table(quality: &[OutputQuality]) -> String {
     table.number("RMS", |o| number(o.rms, 4));
     table.number("R^2", |o| number(o.r2, 5));
     table.number("TIC", |o| number(o.tic, 3));
-    text::table(&table.table())
+    text::table(table)
 }
 
 /// The residuals of the outputs in time.

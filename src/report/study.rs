@@ -435,7 +435,7 @@ fn studies_table(studies: &[Study]) -> String {
             _ => table.number(title, |cells| cells[k].clone()),
         };
     }
-    text::table(&table.table())
+    text::table(table)
 }
 
 /// Studies of several systems as a table of a page in Markdown.

@@ -1,6 +1,6 @@
 //! Sections as text for a terminal: tables in columns, each below a blank line, sentences one a line.
 
-use super::section::{Kind, Mark, Medium, Part, Section, Table};
+use super::section::{Kind, Mark, Medium, Part, Rows, Section, Table};
 use comfy_table::presets::NOTHING;
 use comfy_table::{CellAlignment, Table as Grid};
 
@@ -26,7 +26,7 @@ fn add(text: &mut String, part: &Part) {
         Part::Table(own) => {
             gap(text);
             own.caption.iter().for_each(|said| text.push_str(&format!("{said}\n")));
-            text.push_str(&table(own));
+            text.push_str(&columns(own));
         }
         Part::Folded { parts, .. } => parts.iter().for_each(|p| add(text, p)),
         Part::Gap => gap(text),
@@ -43,7 +43,11 @@ fn gap(text: &mut String) {
 }
 
 /// A table in columns, numbers on the right of theirs.
-pub(crate) fn table(table: &Table) -> String {
+pub(crate) fn table<R>(rows: Rows<R>) -> String {
+    columns(&rows.table())
+}
+
+fn columns(table: &Table) -> String {
     let columns: Vec<_> = table.columns.iter().filter(|c| c.only != Some(Medium::Page)).collect();
     let mut grid = Grid::new();
     grid.load_style(NOTHING).set_header(columns.iter().map(|c| c.title.as_str()));

@@ -6,12 +6,13 @@ use super::picture::Picture;
 #[cfg(feature = "png")]
 use super::raster::{self, RasterError};
 use super::subject::{Content, Subject};
-use super::{
-    correlations, diagnosis, drawing, equations, headline, histories, progress, regression, reproduction, surfaces,
-};
+use super::{correlations, drawing, equations, headline, histories, progress, reproduction, surfaces};
 use crate::html;
 use crate::section::{Report, Section};
-use crate::{confidence, convergence, margins, modes, parameters, residuals, spectral, starts, study};
+use crate::{
+    confidence, convergence, diagnosis, margins, modes, parameters, regression, residuals, spectral, starts, study,
+    validation,
+};
 
 /// The whole page; the same subject gives the same text.
 pub fn page(subject: &Subject) -> String {
@@ -101,8 +102,10 @@ pub fn drawings(subject: &Subject) -> Vec<Drawing> {
 
 fn of_fit(subject: &Subject) -> Vec<Section> {
     let requirements = subject.fit().and_then(|fit| margins::section(&fit.requirements));
+    let validation = subject.fit().and_then(|fit| fit.validation.as_ref());
     let modes = subject.modes().filter(|found| !found.modes.is_empty() || found.left_out.is_some());
     let all = [
+        validation.map(|found| validation::section(found, None, &subject.time())),
         equations::section(subject),
         parameters::section(subject),
         requirements,

@@ -1,10 +1,10 @@
 //! What a reader must know who reads nothing else: how it ended, whether it can be trusted, and what speaks against it.
 
 use super::number::{shown, text};
+use super::progress;
 use super::subject::{Content, Subject};
-use super::{diagnosis, progress, regression};
 use crate::section::{Point, Trust, Verdict};
-use crate::study;
+use crate::{diagnosis, regression, study};
 use fdm_results::documents::{About, FitDocument, Remark, ResultDocument, Terminated};
 use fdm_system::record::Assumptions;
 

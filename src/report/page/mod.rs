@@ -7,7 +7,6 @@
 //! (zoom, crosshair); `picture` is a drawing without axes that could be moved.
 
 pub(crate) mod correlations;
-pub(crate) mod diagnosis;
 pub(crate) mod document;
 pub(crate) mod drawing;
 pub(crate) mod equations;
@@ -19,7 +18,6 @@ pub(crate) mod picture;
 pub(crate) mod progress;
 #[cfg(feature = "png")]
 pub(crate) mod raster;
-pub(crate) mod regression;
 pub(crate) mod reproduction;
 pub(crate) mod scale;
 pub(crate) mod shapes;

@@ -38,7 +38,7 @@ pub mod sample;
 pub mod stages;
 pub mod study;
 
-pub use diagnosis::{CauseDocument, DiagnosisDocument, DisturbanceCourse, NewParameter, Null, Search};
+pub use diagnosis::{DiagnosisDocument, DisturbanceCourse};
 pub use digits::{digits, digits_by_error, digits_of_end, fixed};
 pub use doctor::{DoctorDocument, JudgedRecords};
 pub use fit::{BandCoverage, Evaluations, FitDocument, Integration, Matrix, StartDocument, Terminated, Validation};
