@@ -92,16 +92,13 @@ fn histogram(k: usize, p: &CalibratedParameter, done: usize) -> Figure {
             p.counts.iter().map(|n| *n as f64).collect(),
         ),
     ];
-    Figure {
-        id: format!("ranks-{}", k + 1),
-        group: "ranks".into(),
-        caption: called(&p.name, p.run.as_deref()),
-        label: "rank of the truth [%]".into(),
-        logarithmic: false,
-        at: (0..columns).map(|c| (c as f64 + 0.5) * 100.0 * share).collect(),
-        panels: vec![Panel { label: "repeats".into(), height: 130, logarithmic: false, marks }],
-        names: Vec::new(),
-        half: true,
-        samples: None,
-    }
+    Figure::new(
+        format!("ranks-{}", k + 1),
+        called(&p.name, p.run.as_deref()),
+        "rank of the truth [%]",
+        (0..columns).map(|c| (c as f64 + 0.5) * 100.0 * share).collect(),
+    )
+    .in_group("ranks")
+    .with(Panel::new("repeats", 130, marks))
+    .half()
 }

@@ -130,21 +130,13 @@ fn course(k: usize, of: &LengthSensitivity, lengths: &[LengthFit], time: &str) -
     ];
     let doubt = Some(of.doubt).filter(|d| d.is_finite());
     let doubt = doubt.map_or(String::new(), |d| format!(": in doubt by {} %", digits(100.0 * d, 2)));
-    Figure {
-        id: format!("length-{}", k + 1),
-        group: "lengths".into(),
-        caption: format!("{}{doubt}", called(&of.name, of.run.as_deref())),
-        label: format!("length [{time}]"),
-        logarithmic: false,
-        at: lengths.iter().map(|l| l.length).collect(),
-        panels: vec![Panel {
-            label: format!("{}{}", of.name, bracketed(unit.as_deref())),
-            height: 130,
-            logarithmic: false,
-            marks,
-        }],
-        names: Vec::new(),
-        half: true,
-        samples: None,
-    }
+    Figure::new(
+        format!("length-{}", k + 1),
+        format!("{}{doubt}", called(&of.name, of.run.as_deref())),
+        format!("length [{time}]"),
+        lengths.iter().map(|l| l.length).collect(),
+    )
+    .in_group("lengths")
+    .with(Panel::new(format!("{}{}", of.name, bracketed(unit.as_deref())), 130, marks))
+    .half()
 }

@@ -39,29 +39,23 @@ pub(crate) fn figure(subject: &Subject) -> Option<Figure> {
     let column = |of: fn(&Iteration) -> f64| history.iter().map(of).collect::<Vec<f64>>();
     let (cost, step) = (column(|h| h.cost), column(|h| h.step));
     let positive = |values: Vec<f64>| values.into_iter().map(|v| if v > 0.0 { v } else { f64::NAN }).collect();
-    let panel = |label: &str, logarithmic: bool, look: Look, values: Vec<f64>| Panel {
-        label: label.into(),
-        height: 110,
-        logarithmic,
-        marks: vec![Mark::line(label, look, values.clone()), Mark::dots("", look, values)],
+    let panel = |label: &str, logarithmic: bool, look: Look, values: Vec<f64>| {
+        Panel::new(label, 110, vec![Mark::line(label, look, values.clone()), Mark::dots("", look, values)])
+            .scaled(logarithmic)
     };
-    Some(Figure {
-        id: "convergence-1".into(),
-        group: "convergence".into(),
-        caption: format!(
-            "{} {} iterations",
-            subject.fit().map_or("so far".to_string(), |fit| format!("{} after", fit.message)),
-            subject.fit().map_or_else(|| history.last().map_or(0, |h| h.number), |fit| fit.iterations)
-        ),
-        label: "iteration".into(),
-        logarithmic: false,
-        at: column(|h| h.number as f64),
-        panels: vec![
-            panel("cost", false, Look::Model, cost),
-            panel("size of the step", true, Look::Other, positive(step)),
-        ],
-        names: Vec::new(),
-        half: false,
-        samples: None,
-    })
+    Some(
+        Figure::new(
+            "convergence-1",
+            format!(
+                "{} {} iterations",
+                subject.fit().map_or("so far".to_string(), |fit| format!("{} after", fit.message)),
+                subject.fit().map_or_else(|| history.last().map_or(0, |h| h.number), |fit| fit.iterations)
+            ),
+            "iteration",
+            column(|h| h.number as f64),
+        )
+        .in_group("convergence")
+        .with(panel("cost", false, Look::Model, cost))
+        .with(panel("size of the step", true, Look::Other, positive(step))),
+    )
 }

@@ -7,7 +7,7 @@ use crate::page::figure::{Figure, Look, Mark, Panel, Shape};
 use crate::page::number::bracketed;
 use crate::page::subject::{Subject, called};
 use crate::page::table::{Column, Table as Columns};
-use crate::page::thinning::kept;
+use crate::page::thinning::Kept;
 use crate::spectral::unit_of_frequency;
 use crate::text;
 use fdm_discover::{Biased, Cause, CurvePoint, Detectable, FrontModel, LackOfFit, OutputGain, PlaceKind, Verdict};
@@ -173,18 +173,11 @@ fn law_figure(found: &DiagnosisDocument) -> Option<Figure> {
         ),
         Mark::between("estimate", Look::Residual, Shape::Line, Vec::new(), of(|p| p.value)),
     ];
-    Some(Figure {
-        id: "law".into(),
-        group: "law".into(),
-        caption: format!("what {} lacks, over {variable}", place.name),
-        label: variable.clone(),
-        logarithmic: false,
-        at: of(|p| p.at),
-        panels: vec![Panel { label: added, height: 150, logarithmic: false, marks }],
-        names: Vec::new(),
-        half: true,
-        samples: None,
-    })
+    Some(
+        Figure::new("law", format!("what {} lacks, over {variable}", place.name), variable.clone(), of(|p| p.at))
+            .with(Panel::new(added, 150, marks))
+            .half(),
+    )
 }
 
 /// In what it enters, in one word.
@@ -216,22 +209,9 @@ fn of_lack_of_fit(k: usize, m: &LackOfFit, time: &str) -> Vec<Figure> {
 
 /// A share of the error for each part of something.
 fn shares(id: String, caption: &str, label: String, at: Vec<f64>, values: Vec<f64>) -> Option<Figure> {
-    (values.len() > 1).then(|| Figure {
-        group: id.clone(),
-        id,
-        caption: caption.into(),
-        label,
-        logarithmic: false,
-        panels: vec![Panel {
-            label: "part of the error [%]".into(),
-            height: 130,
-            logarithmic: false,
-            marks: vec![Mark::between("share", Look::Model, Shape::Stems, vec![0.0; at.len()], values)],
-        }],
-        at,
-        names: Vec::new(),
-        half: true,
-        samples: None,
+    (values.len() > 1).then(|| {
+        let stems = Mark::between("share", Look::Model, Shape::Stems, vec![0.0; at.len()], values);
+        Figure::new(id, caption, label, at).with(Panel::new("part of the error [%]", 130, vec![stems])).half()
     })
 }
 
@@ -370,17 +350,16 @@ fn front_figure(found: &DiagnosisDocument) -> Option<Figure> {
         let values = of(|m| m.error_cross_validated.unwrap_or(f64::NAN));
         marks.push(Mark::between("predicted", Look::Model, Shape::Dots, Vec::new(), values));
     }
-    (front.len() > 1).then(|| Figure {
-        id: "front".into(),
-        group: "front".into(),
-        caption: "error of the written model".into(),
-        label: "number of effects".into(),
-        logarithmic: false,
-        at: (0..front.len()).map(|k| k as f64).collect(),
-        panels: vec![Panel { label: "part of the error [%]".into(), height: 150, logarithmic: true, marks }],
-        names: front.iter().map(|m| m.effects.len().to_string()).collect(),
-        half: true,
-        samples: None,
+    (front.len() > 1).then(|| {
+        Figure::new(
+            "front",
+            "error of the written model",
+            "number of effects",
+            (0..front.len()).map(|k| k as f64).collect(),
+        )
+        .with(Panel::new("part of the error [%]", 150, marks).logarithmic())
+        .named(front.iter().map(|m| m.effects.len().to_string()).collect())
+        .half()
     })
 }
 
@@ -468,8 +447,8 @@ fn overlay(k: usize, o: usize, table: &Columns, time: &Column, output: &Column) 
     let (before, after) = (other("before"), other("after"));
     let left = |model: &[f64]| output.values.iter().zip(model).map(|(z, y)| z - y).collect::<Vec<f64>>();
     let (rest_before, rest_after) = (left(before), left(after));
-    let indices = kept(&[&output.values, before, after, &rest_before, &rest_after], POINTS);
-    let pick = |values: &[f64]| indices.iter().filter_map(|k| values.get(*k).copied()).collect::<Vec<f64>>();
+    let kept = Kept::new(&[&output.values, before, after, &rest_before, &rest_after], POINTS);
+    let pick = |values: &[f64]| kept.pick(values);
     let unit = bracketed(output.unit.as_deref());
     let marks = vec![
         Mark::line("measured", Look::Measured, pick(&output.values)),
@@ -480,21 +459,16 @@ fn overlay(k: usize, o: usize, table: &Columns, time: &Column, output: &Column) 
         Mark::line("residual before", Look::Residual, pick(&rest_before)),
         Mark::line("residual after", Look::Model, pick(&rest_after)),
     ];
-    Figure {
-        id: format!("overlay-{}-{}", k + 1, o + 1),
-        group: format!("overlays-{k}"),
-        caption: output.name.clone(),
-        label: format!("time{}", bracketed(time.unit.as_deref())),
-        logarithmic: false,
-        at: pick(&time.values),
-        panels: vec![
-            Panel { label: format!("{}{unit}", output.name), height: 210, logarithmic: false, marks },
-            Panel { label: format!("residual{unit}"), height: 110, logarithmic: false, marks: rests },
-        ],
-        names: Vec::new(),
-        half: false,
-        samples: (indices.len() < time.values.len()).then_some(time.values.len()),
-    }
+    Figure::new(
+        format!("overlay-{}-{}", k + 1, o + 1),
+        output.name.clone(),
+        format!("time{}", bracketed(time.unit.as_deref())),
+        pick(&time.values),
+    )
+    .in_group(format!("overlays-{k}"))
+    .with(Panel::new(format!("{}{unit}", output.name), 210, marks))
+    .with(Panel::new(format!("residual{unit}"), 110, rests))
+    .thinned(kept.samples())
 }
 
 /// Parameters that the missing effects had moved.

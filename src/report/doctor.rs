@@ -3,7 +3,7 @@
 use super::section::{Part, Report, Section, Trust, Verdict};
 use crate::page::figure::{Figure, Look, Mark, Panel};
 use crate::page::number::bracketed;
-use crate::page::thinning::kept;
+use crate::page::thinning::Kept;
 use crate::{html, text, visible};
 use fdm_doctor::{Channel, Finding, Record, Severity};
 use fdm_results::documents::DoctorDocument;
@@ -127,12 +127,12 @@ fn figure(k: usize, finding: &Finding, records: &[Record]) -> Option<Figure> {
     let intervals: Vec<f64> = record.time.windows(2).map(|w| w[1] - w[0]).chain([f64::NAN]).collect();
     let lines: Vec<&[f64]> =
         if named.is_empty() { vec![&intervals] } else { named.iter().map(|c| &c.values[..]).collect() };
-    let indices = kept(&lines, POINTS);
-    let pick = |values: &[f64]| indices.iter().filter_map(|k| values.get(*k).copied()).collect::<Vec<f64>>();
+    let kept = Kept::new(&lines, POINTS);
+    let pick = |values: &[f64]| kept.pick(values);
     let within = |values: &[f64]| -> Vec<f64> {
         let Some(place) = finding.place else { return Vec::new() };
         let inside = |k: &usize| record.time[*k] >= place.from && record.time[*k] <= place.to;
-        indices.iter().map(|k| if inside(k) { values[*k] } else { f64::NAN }).collect()
+        kept.indices().iter().map(|k| if inside(k) { values[*k] } else { f64::NAN }).collect()
     };
     let panel = |label: String, values: &[f64]| {
         let mut marks = vec![Mark::line("record", Look::Measured, pick(values))];
@@ -140,7 +140,7 @@ fn figure(k: usize, finding: &Finding, records: &[Record]) -> Option<Figure> {
         if marked.iter().any(|v| v.is_finite()) {
             marks.push(Mark::dots("finding", Look::Residual, marked));
         }
-        Panel { label, height: 150, logarithmic: false, marks }
+        Panel::new(label, 150, marks)
     };
     let panels = match named.is_empty() {
         true => vec![panel("interval".into(), &intervals)],
@@ -148,16 +148,15 @@ fn figure(k: usize, finding: &Finding, records: &[Record]) -> Option<Figure> {
             named.iter().map(|c| panel(format!("{}{}", c.name, bracketed(c.unit.as_deref())), &c.values)).collect()
         }
     };
-    Some(Figure {
-        id: format!("finding-{}", k + 1),
-        group: format!("run-{}", record.run),
-        caption: format!("{} in run {}", finding.fault, record.run),
-        label: "t".into(),
-        logarithmic: false,
-        at: pick(&record.time),
-        panels,
-        names: Vec::new(),
-        half: false,
-        samples: (indices.len() < record.time.len()).then_some(record.time.len()),
-    })
+    Some(
+        Figure::new(
+            format!("finding-{}", k + 1),
+            format!("{} in run {}", finding.fault, record.run),
+            "t",
+            pick(&record.time),
+        )
+        .in_group(format!("run-{}", record.run))
+        .with_all(panels)
+        .thinned(kept.samples()),
+    )
 }

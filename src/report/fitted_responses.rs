@@ -125,26 +125,22 @@ pub(crate) fn figure(k: usize, p: &Pair, unit: &str) -> Figure {
         let bars = Mark::between("", Look::Measured, Shape::Bars, edge(-1.0), edge(1.0));
         let dots = Mark::dots("measured", Look::Measured, values.clone());
         let model = Mark::line("model", Look::Model, modelled.clone());
-        Panel { label: label.into(), height: 130, logarithmic: false, marks: vec![bars, model, dots] }
+        Panel::new(label, 130, vec![bars, model, dots])
     };
     let coherence = Mark::line("coherence", Look::Input, p.coherence.clone());
     let (degrees, model_degrees) = continued(&p.degrees, &p.model_degrees);
-    Figure {
-        id: format!("response-{}", k + 1),
-        group: "responses".into(),
-        caption: format!("{}/{}: cost {}", p.output, p.input, shown(p.cost, 3)),
-        label: format!("frequency [{unit}], × 2π in rad"),
-        logarithmic: true,
-        at: p.frequency.clone(),
-        panels: vec![
-            panel("magnitude [dB]", (&p.decibels, &p.model_decibels), DECIBELS),
-            panel("phase [deg]", (&degrees, &model_degrees), DEGREES),
-            Panel { label: "coherence".into(), height: 70, logarithmic: false, marks: vec![coherence] },
-        ],
-        names: Vec::new(),
-        half: true,
-        samples: None,
-    }
+    Figure::new(
+        format!("response-{}", k + 1),
+        format!("{}/{}: cost {}", p.output, p.input, shown(p.cost, 3)),
+        format!("frequency [{unit}], × 2π in rad"),
+        p.frequency.clone(),
+    )
+    .in_group("responses")
+    .with(panel("magnitude [dB]", (&p.decibels, &p.model_decibels), DECIBELS))
+    .with(panel("phase [deg]", (&degrees, &model_degrees), DEGREES))
+    .with(Panel::new("coherence", 70, vec![coherence]))
+    .logarithmic()
+    .half()
 }
 
 /// Measured degrees without jumps of a whole turn, and those of the model nearest to them.

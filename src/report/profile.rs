@@ -177,18 +177,14 @@ fn figure(k: usize, profile: &Profile) -> Figure {
         Mark::line("limit", Look::Residual, vec![profile.rise; at.len()]),
         Mark::line("cost", Look::Model, cost),
     ];
-    Figure {
-        id: format!("profile-{}", k + 1),
-        group: "profiles".into(),
-        caption: format!("{}{unit}", profile.name),
-        label: format!("{}{unit}", profile.name),
-        logarithmic: false,
-        at: at.iter().map(|(v, _)| *v).collect(),
-        panels: vec![Panel { label: "rise of the cost".into(), height: 220, logarithmic: false, marks }],
-        names: Vec::new(),
-        half: false,
-        samples: None,
-    }
+    Figure::new(
+        format!("profile-{}", k + 1),
+        format!("{}{unit}", profile.name),
+        format!("{}{unit}", profile.name),
+        at.iter().map(|(v, _)| *v).collect(),
+    )
+    .in_group("profiles")
+    .with(Panel::new("rise of the cost", 220, marks))
 }
 
 /// Straight lines between the places that have a value; NaN outside them.

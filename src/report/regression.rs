@@ -234,26 +234,19 @@ fn component_figures(found: &RegressionDocument) -> Vec<Figure> {
         let all = &fit.components;
         let column = |of: fn(&Component) -> f64| all.iter().map(of).collect::<Vec<f64>>();
         let equations: Vec<&str> = fit.equations.iter().map(|e| e.equation.as_str()).collect();
-        let panel = |label: &str, logarithmic: bool, look: Look, values: Vec<f64>| Panel {
-            label: label.into(),
-            height: 90,
-            logarithmic,
-            marks: vec![Mark::line("", look, values.clone()), Mark::dots(label, look, values)],
+        let panel = |label: &str, logarithmic: bool, look: Look, values: Vec<f64>| {
+            Panel::new(label, 90, vec![Mark::line("", look, values.clone()), Mark::dots(label, look, values)])
+                .scaled(logarithmic)
         };
-        (all.len() > 1).then(|| Figure {
-            id: format!("components-{}", k + 1),
-            group: format!("components-{}", k + 1),
-            caption: format!("principal components of {}: {} were taken", equations.join(", "), fit.chosen),
-            label: "components".into(),
-            logarithmic: false,
-            at: column(|c| c.count as f64),
-            panels: vec![
-                panel("R²", false, Look::Model, column(|c| c.r_squared)),
-                panel("total error", true, Look::Residual, column(|c| c.total_error)),
-            ],
-            names: Vec::new(),
-            half: false,
-            samples: None,
+        (all.len() > 1).then(|| {
+            Figure::new(
+                format!("components-{}", k + 1),
+                format!("principal components of {}: {} were taken", equations.join(", "), fit.chosen),
+                "components",
+                column(|c| c.count as f64),
+            )
+            .with(panel("R²", false, Look::Model, column(|c| c.r_squared)))
+            .with(panel("total error", true, Look::Residual, column(|c| c.total_error)))
         })
     };
     found.fits.iter().enumerate().filter_map(one).collect()
@@ -286,24 +279,16 @@ fn course(rows: &[Dependence], of: &KeptParameter, id: String, label: &str) -> O
     }
     let error = |k: usize| if coloured[k].is_finite() { coloured[k] } else { errors[k] };
     let edge = |sign: f64| values.iter().enumerate().map(|(k, v)| v + sign * 2.0 * error(k)).collect::<Vec<f64>>();
-    Some(Figure {
-        group: id.clone(),
-        id,
-        caption: called(&of.name, of.run.as_deref()),
-        label: label.into(),
-        logarithmic: false,
-        at: rows.iter().map(|row| row.at).collect(),
-        panels: vec![Panel {
-            label: format!("{}{}", of.name, bracketed(of.unit.as_deref())),
-            height: 130,
-            logarithmic: false,
-            marks: vec![
-                Mark::between("± 2σ", Look::Other, Shape::Bars, edge(-1.0), edge(1.0)),
-                Mark::dots("estimate", Look::Model, values),
-            ],
-        }],
-        names: Vec::new(),
-        half: true,
-        samples: None,
-    })
+    Some(
+        Figure::new(id, called(&of.name, of.run.as_deref()), label, rows.iter().map(|row| row.at).collect())
+            .with(Panel::new(
+                format!("{}{}", of.name, bracketed(of.unit.as_deref())),
+                130,
+                vec![
+                    Mark::between("± 2σ", Look::Other, Shape::Bars, edge(-1.0), edge(1.0)),
+                    Mark::dots("estimate", Look::Model, values),
+                ],
+            ))
+            .half(),
+    )
 }

@@ -96,18 +96,14 @@ fn figures_of(k: usize, output: &OutputDocument, white: &Whiteness, time: &str) 
 fn autocorrelation(k: usize, white: &Whiteness, time: &str) -> Figure {
     let (values, interval) = (white.autocorrelation.clone(), white.interval);
     let caption = format!("autocorrelation of the residual; {} of {} lags outside", white.outside, values.len());
-    Figure {
-        id: format!("autocorrelation-{}", k + 1),
-        group: format!("autocorrelation-{}", k + 1),
+    Figure::new(
+        format!("autocorrelation-{}", k + 1),
         caption,
-        label: format!("lag [{time}]"),
-        logarithmic: false,
-        at: (1..=values.len()).map(|lag| lag as f64 * interval).collect(),
-        panels: vec![correlation(values, &white.bounds)],
-        names: Vec::new(),
-        half: true,
-        samples: None,
-    }
+        format!("lag [{time}]"),
+        (1..=values.len()).map(|lag| lag as f64 * interval).collect(),
+    )
+    .with(correlation(values, &white.bounds))
+    .half()
 }
 
 /// Where in frequency something is left.
@@ -121,18 +117,17 @@ fn spectrum(k: usize, output: &OutputDocument, time: &str) -> Option<Figure> {
         Mark::line("of the residual", Look::Residual, density.clone()),
         Mark::dots("", Look::Residual, density),
     ];
-    Some(Figure {
-        group: id.clone(),
-        id,
-        caption: format!("spectrum of the residual; {} of {} bands outside", found.outside, at.len()),
-        label: format!("frequency [{unit}]"),
-        logarithmic: true,
-        at,
-        panels: vec![Panel { label: "density over white".into(), height: 150, logarithmic: true, marks }],
-        names: Vec::new(),
-        half: true,
-        samples: None,
-    })
+    Some(
+        Figure::new(
+            id,
+            format!("spectrum of the residual; {} of {} bands outside", found.outside, at.len()),
+            format!("frequency [{unit}]"),
+            at,
+        )
+        .with(Panel::new("density over white", 150, marks).logarithmic())
+        .logarithmic()
+        .half(),
+    )
 }
 
 /// How residuals are distributed.
@@ -146,22 +141,20 @@ fn histogram(k: usize, output: &OutputDocument) -> Option<Figure> {
         Mark::between("residuals", Look::Measured, Shape::Columns, zeros, counts),
         Mark::line("normal", Look::Model, found.expected.clone()),
     ];
-    Some(Figure {
-        group: id.clone(),
-        id,
-        caption: format!(
-            "distribution of the residual; {} beyond 3 σ, of a normal one {}",
-            found.far.0,
-            shown(found.far.1, 2)
-        ),
-        label: format!("deviation from the mean [σ = {}{unit}]", shown(found.deviation, 3)),
-        logarithmic: false,
-        at: found.edges.windows(2).map(|e| 0.5 * (e[0] + e[1])).collect(),
-        panels: vec![Panel { label: "residuals".into(), height: 150, logarithmic: false, marks }],
-        names: Vec::new(),
-        half: true,
-        samples: None,
-    })
+    Some(
+        Figure::new(
+            id,
+            format!(
+                "distribution of the residual; {} beyond 3 σ, of a normal one {}",
+                found.far.0,
+                shown(found.far.1, 2)
+            ),
+            format!("deviation from the mean [σ = {}{unit}]", shown(found.deviation, 3)),
+            found.edges.windows(2).map(|e| 0.5 * (e[0] + e[1])).collect(),
+        )
+        .with(Panel::new("residuals", 150, marks))
+        .half(),
+    )
 }
 
 fn with_input(k: usize, i: usize, input: &InputCorrelation, time: &str) -> Figure {
@@ -172,18 +165,14 @@ fn with_input(k: usize, i: usize, input: &InputCorrelation, time: &str) -> Figur
         values.len(),
         probability(input.p_value)
     );
-    Figure {
-        id: format!("with-input-{}-{}", k + 1, i + 1),
-        group: format!("with-input-{}-{}", k + 1, i + 1),
+    Figure::new(
+        format!("with-input-{}-{}", k + 1, i + 1),
         caption,
-        label: format!("time by which the residual follows {name} [{time}]"),
-        logarithmic: false,
-        at: input.lags.clone(),
-        panels: vec![correlation(values, &input.bounds)],
-        names: Vec::new(),
-        half: true,
-        samples: None,
-    }
+        format!("time by which the residual follows {name} [{time}]"),
+        input.lags.clone(),
+    )
+    .with(correlation(values, &input.bounds))
+    .half()
 }
 
 fn correlation(values: Vec<f64>, bounds: &[f64]) -> Panel {
@@ -191,5 +180,5 @@ fn correlation(values: Vec<f64>, bounds: &[f64]) -> Panel {
     let band =
         Mark::between("by chance", Look::Bound, Shape::Band, bounds.iter().map(|b| -b).collect(), bounds.to_vec());
     let stems = Mark::between("correlation", Look::Residual, Shape::Stems, zeros, values);
-    Panel { label: "correlation".into(), height: 150, logarithmic: false, marks: vec![band, stems] }
+    Panel::new("correlation", 150, vec![band, stems])
 }

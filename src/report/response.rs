@@ -186,24 +186,17 @@ fn figure(k: usize, pair: &Pair<'_>, unit: &str) -> Figure {
     let degrees = band(&pair.phase, &f64::to_degrees);
     // its least and its greatest value, so that the axis is the same for all
     let limit = |v: f64| Mark::line("", Look::Bound, vec![v; pair.frequency.len()]);
-    let panel =
-        |label: &str, height: u32, marks: Vec<Mark>| Panel { label: label.into(), height, logarithmic: false, marks };
-    Figure {
-        id: format!("response-{}", k + 1),
-        group: "responses".into(),
-        caption: format!("{} to {}", pair.input, pair.output),
-        label: format!("frequency [{unit}]"),
-        logarithmic: true,
-        at: pair.frequency.clone(),
-        panels: vec![
-            panel("magnitude [dB]", 150, vec![decibels, line("magnitude", &pair.magnitude)]),
-            panel("phase [deg]", 150, vec![degrees, line("phase", &pair.phase)]),
-            panel("coherence", 90, vec![limit(0.0), limit(1.0), line("coherence", pair.coherence)]),
-        ],
-        names: Vec::new(),
-        half: false,
-        samples: None,
-    }
+    Figure::new(
+        format!("response-{}", k + 1),
+        format!("{} to {}", pair.input, pair.output),
+        format!("frequency [{unit}]"),
+        pair.frequency.clone(),
+    )
+    .in_group("responses")
+    .with(Panel::new("magnitude [dB]", 150, vec![decibels, line("magnitude", &pair.magnitude)]))
+    .with(Panel::new("phase [deg]", 150, vec![degrees, line("phase", &pair.phase)]))
+    .with(Panel::new("coherence", 90, vec![limit(0.0), limit(1.0), line("coherence", pair.coherence)]))
+    .logarithmic()
 }
 
 #[cfg(test)]

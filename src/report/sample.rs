@@ -5,7 +5,7 @@ use crate::page::figure::{Figure, Look, Mark, Panel, Shape};
 use crate::page::headline::capital;
 use crate::page::number::bracketed;
 use crate::page::subject::called;
-use crate::page::thinning::kept;
+use crate::page::thinning::Kept;
 use crate::{html, text};
 use fdm_results::documents::sample::{ArvizDocument, PredictiveBand, SampleDocument, SampledParameter};
 use fdm_results::documents::{digits, digits_by_error, digits_of_end};
@@ -141,29 +141,25 @@ fn look(chain: usize) -> Look {
 /// The values of every chain in their order.
 fn trace(k: usize, p: &SampledParameter, chains: &[Vec<f64>]) -> Figure {
     let lines: Vec<&[f64]> = chains.iter().map(Vec::as_slice).collect();
-    let indices = kept(&lines, POINTS);
-    let draws = lines.first().map_or(0, |l| l.len());
+    let kept = Kept::new(&lines, POINTS);
     let line = |(c, chain): (usize, &&[f64])| {
-        Mark::line(&format!("chain {}", c + 1), look(c), indices.iter().map(|k| chain[*k]).collect())
+        Mark::line(&format!("chain {}", c + 1), look(c), kept.indices().iter().map(|k| chain[*k]).collect())
     };
     let name = called(&p.name, p.run.as_deref());
-    Figure {
-        id: format!("trace-{}", k + 1),
-        group: "traces".into(),
-        caption: format!("{name}: trace"),
-        label: "draw".into(),
-        logarithmic: false,
-        at: indices.iter().map(|k| (k + 1) as f64).collect(),
-        panels: vec![Panel {
-            label: format!("{}{}", p.name, bracketed(p.unit.as_deref())),
-            height: 150,
-            logarithmic: false,
-            marks: lines.iter().enumerate().map(line).collect(),
-        }],
-        names: Vec::new(),
-        half: true,
-        samples: (indices.len() < draws).then_some(draws),
-    }
+    Figure::new(
+        format!("trace-{}", k + 1),
+        format!("{name}: trace"),
+        "draw",
+        kept.indices().iter().map(|k| (k + 1) as f64).collect(),
+    )
+    .in_group("traces")
+    .with(Panel::new(
+        format!("{}{}", p.name, bracketed(p.unit.as_deref())),
+        150,
+        lines.iter().enumerate().map(line).collect(),
+    ))
+    .half()
+    .thinned(kept.samples())
 }
 
 /// How often each chain has ranks of each twentieth among all draws, over what equal chains have.
@@ -181,18 +177,15 @@ fn ranks(k: usize, p: &SampledParameter, chains: &[Vec<f64>]) -> Figure {
     };
     let mut marks: Vec<Mark> = counts.iter().enumerate().map(line).collect();
     marks.push(Mark::line("equal", Look::Measured, vec![1.0; COLUMNS]));
-    Figure {
-        id: format!("ranks-{}", k + 1),
-        group: "ranks".into(),
-        caption: format!("{}: ranks", called(&p.name, p.run.as_deref())),
-        label: "rank among all draws [%]".into(),
-        logarithmic: false,
-        at: (0..COLUMNS).map(|c| (c as f64 + 0.5) * 100.0 / COLUMNS as f64).collect(),
-        panels: vec![Panel { label: "part of its share".into(), height: 150, logarithmic: false, marks }],
-        names: Vec::new(),
-        half: true,
-        samples: None,
-    }
+    Figure::new(
+        format!("ranks-{}", k + 1),
+        format!("{}: ranks", called(&p.name, p.run.as_deref())),
+        "rank among all draws [%]",
+        (0..COLUMNS).map(|c| (c as f64 + 0.5) * 100.0 / COLUMNS as f64).collect(),
+    )
+    .in_group("ranks")
+    .with(Panel::new("part of its share", 150, marks))
+    .half()
 }
 
 /// Measurement of an output within its bands.
@@ -202,29 +195,16 @@ fn predictive(k: usize, band: &PredictiveBand, draws: &ArvizDocument, runs: bool
     let measured = observed.map_or_else(|| vec![f64::NAN; band.time.len()], |o| numbers(o));
     let [low, middle, high] = band.response.each_ref().map(|v| numbers(v));
     let [least, _, most] = band.measurement.each_ref().map(|v| numbers(v));
-    let indices = kept(&[&measured, &low, &high], POINTS);
-    let pick = |values: &[f64]| indices.iter().filter_map(|k| values.get(*k).copied()).collect::<Vec<f64>>();
+    let kept = Kept::new(&[&measured, &low, &high], POINTS);
+    let pick = |values: &[f64]| kept.pick(values);
     let marks = vec![
         Mark::between("95 % of measurements", Look::Bound, Shape::Band, pick(&least), pick(&most)),
         Mark::between("95 % of the response", Look::Model, Shape::Band, pick(&low), pick(&high)),
         Mark::dots("measured", Look::Measured, pick(&measured)),
         Mark::line("median", Look::Model, pick(&middle)),
     ];
-    Figure {
-        id: format!("prediction-{}", k + 1),
-        group: format!("run-{}", band.run),
-        caption: format!("{} in {}", band.name, band.run),
-        label: "time".into(),
-        logarithmic: false,
-        at: pick(&band.time),
-        panels: vec![Panel {
-            label: format!("{}{}", band.name, bracketed(band.unit.as_deref())),
-            height: 190,
-            logarithmic: false,
-            marks,
-        }],
-        names: Vec::new(),
-        half: false,
-        samples: (indices.len() < band.time.len()).then_some(band.time.len()),
-    }
+    Figure::new(format!("prediction-{}", k + 1), format!("{} in {}", band.name, band.run), "time", pick(&band.time))
+        .in_group(format!("run-{}", band.run))
+        .with(Panel::new(format!("{}{}", band.name, bracketed(band.unit.as_deref())), 190, marks))
+        .thinned(kept.samples())
 }

@@ -125,18 +125,16 @@ fn of_run(k: usize, run: &str, table: &Columns, unit: &str) -> Vec<Figure> {
             Mark::line("what is left", Look::Residual, rest),
         ];
         let label = format!("|{name}|{}", bracketed(own));
-        Figure {
-            id: format!("spectrum-{}-{}", k + 1, o + 1),
-            group: format!("spectra-{k}"),
-            caption: format!("{name} in {run}"),
-            label: format!("frequency [{unit}]"),
-            logarithmic: true,
-            at: frequency.values.clone(),
-            panels: vec![Panel { label, height: 190, logarithmic: true, marks }],
-            names: Vec::new(),
-            half: true,
-            samples: None,
-        }
+        Figure::new(
+            format!("spectrum-{}-{}", k + 1, o + 1),
+            format!("{name} in {run}"),
+            format!("frequency [{unit}]"),
+            frequency.values.clone(),
+        )
+        .in_group(format!("spectra-{k}"))
+        .with(Panel::new(label, 190, marks).logarithmic())
+        .logarithmic()
+        .half()
     };
     outputs.enumerate().map(figure).collect()
 }

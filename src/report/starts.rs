@@ -133,18 +133,17 @@ pub(crate) fn figure(starts: &[StartDocument]) -> Option<Figure> {
     };
     let marks = marks.into_iter().filter(|m| m.values.iter().any(|v| v.is_finite())).collect();
     let name = |s: &&StartDocument| format!("start {}: {}", s.start, s.message);
-    Some(Figure {
-        id: "starts-1".into(),
-        group: "starts".into(),
-        caption: format!("costs of the starts in their order, above the best ({})", number(best, 8)),
-        label: "rank of the start".into(),
-        logarithmic: false,
-        at: (1..=order.len()).map(|k| k as f64).collect(),
-        panels: vec![Panel { label: "cost above the best".into(), height: 170, logarithmic: true, marks }],
-        names: order.iter().map(name).collect(),
-        half: false,
-        samples: None,
-    })
+    Some(
+        Figure::new(
+            "starts-1",
+            format!("costs of the starts in their order, above the best ({})", number(best, 8)),
+            "rank of the start",
+            (1..=order.len()).map(|k| k as f64).collect(),
+        )
+        .in_group("starts")
+        .with(Panel::new("cost above the best", 170, marks).logarithmic())
+        .named(order.iter().map(name).collect()),
+    )
 }
 
 #[cfg(test)]

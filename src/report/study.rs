@@ -301,20 +301,18 @@ fn coverage(study: &Study) -> Option<Figure> {
         covers.push(Mark::dots(name, *look, column(j, &|i| 100.0 * i.coverage.share)));
         ratios.push(Mark::dots(name, *look, column(j, &|i| i.ratio)));
     }
-    let panel =
-        |label: &str, height: u32, marks: Vec<Mark>| Panel { label: label.into(), height, logarithmic: false, marks };
-    Some(Figure {
-        id: "coverage-1".into(),
-        group: "coverage".into(),
-        caption: "intervals of 95 % that hold the truth, and scatter over printed error".into(),
-        label: "number of the parameter".into(),
-        logarithmic: false,
-        at: places.iter().map(|(k, j)| *k as f64 + 1.0 + 0.25 * *j as f64).collect(),
-        panels: vec![panel("covers [%]", 170, covers), panel("scatter / σ", 110, ratios)],
-        names: places.iter().map(|(k, j)| format!("{}, {}", parameters[*k].subject.label(), kinds[*j].1)).collect(),
-        half: false,
-        samples: None,
-    })
+    Some(
+        Figure::new(
+            "coverage-1",
+            "intervals of 95 % that hold the truth, and scatter over printed error",
+            "number of the parameter",
+            places.iter().map(|(k, j)| *k as f64 + 1.0 + 0.25 * *j as f64).collect(),
+        )
+        .in_group("coverage")
+        .with(Panel::new("covers [%]", 170, covers))
+        .with(Panel::new("scatter / σ", 110, ratios))
+        .named(places.iter().map(|(k, j)| format!("{}, {}", parameters[*k].subject.label(), kinds[*j].1)).collect()),
+    )
 }
 
 /// The scatter of every parameter against its printed error, each in the parameter's unit.
@@ -345,18 +343,18 @@ fn scatter(study: &Study) -> Option<Figure> {
             marks.push(Mark::dots(name, *look, values));
         }
     }
-    Some(Figure {
-        id: "scatter-1".into(),
-        group: "scatter".into(),
-        caption: "scatter of the estimates against printed standard errors, each in the parameter's unit".into(),
-        label: "printed standard error".into(),
-        logarithmic: true,
-        at,
-        panels: vec![Panel { label: "scatter".into(), height: 210, logarithmic: true, marks }],
-        names: points.into_iter().map(|p| p.3).collect(),
-        half: false,
-        samples: None,
-    })
+    Some(
+        Figure::new(
+            "scatter-1",
+            "scatter of the estimates against printed standard errors, each in the parameter's unit",
+            "printed standard error",
+            at,
+        )
+        .in_group("scatter")
+        .with(Panel::new("scatter", 210, marks).logarithmic())
+        .logarithmic()
+        .named(points.into_iter().map(|p| p.3).collect()),
+    )
 }
 
 /// Deviations of the estimates in errors of their own repeats, parameter by parameter.
@@ -392,26 +390,23 @@ fn histogram(repeats: &Columns, k: usize, p: &Coverage) -> Option<Figure> {
     let normal =
         at.iter().map(|z| f64::from(all) * width * (-0.5 * z * z).exp() / std::f64::consts::TAU.sqrt()).collect();
     let outside = if beyond > 0 { format!("; {beyond} beyond {REACH}") } else { String::new() };
-    Some(Figure {
-        id: format!("estimates-{}", k + 1),
-        group: format!("estimates-{}", k + 1),
-        caption: format!("{name}, of {all} repeats{outside}"),
-        label: format!("deviation from the truth [{kind} σ]"),
-        logarithmic: false,
-        panels: vec![Panel {
-            label: "repeats".into(),
-            height: 130,
-            logarithmic: false,
-            marks: vec![
+    Some(
+        Figure::new(
+            format!("estimates-{}", k + 1),
+            format!("{name}, of {all} repeats{outside}"),
+            format!("deviation from the truth [{kind} σ]"),
+            at,
+        )
+        .with(Panel::new(
+            "repeats",
+            130,
+            vec![
                 Mark::between("estimates", Look::Measured, Shape::Columns, vec![0.0; COLUMNS], counts),
                 Mark::line("normal", Look::Model, normal),
             ],
-        }],
-        at,
-        names: Vec::new(),
-        half: true,
-        samples: None,
-    })
+        ))
+        .half(),
+    )
 }
 
 /// The table of each study, and one line for each where there are several.

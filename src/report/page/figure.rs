@@ -115,7 +115,73 @@ impl Mark {
     }
 }
 
+impl Panel {
+    pub(crate) fn new(label: impl Into<String>, height: u32, marks: Vec<Mark>) -> Self {
+        Self { label: label.into(), height, logarithmic: false, marks }
+    }
+
+    pub(crate) fn logarithmic(self) -> Self {
+        self.scaled(true)
+    }
+
+    pub(crate) fn scaled(self, logarithmic: bool) -> Self {
+        Self { logarithmic, ..self }
+    }
+}
+
 impl Figure {
+    /// A figure without panels, in a group of its own.
+    pub(crate) fn new(
+        id: impl Into<String>,
+        caption: impl Into<String>,
+        label: impl Into<String>,
+        at: Vec<f64>,
+    ) -> Self {
+        let id = id.into();
+        Self {
+            group: id.clone(),
+            id,
+            caption: caption.into(),
+            label: label.into(),
+            logarithmic: false,
+            at,
+            panels: Vec::new(),
+            names: Vec::new(),
+            half: false,
+            samples: None,
+        }
+    }
+
+    pub(crate) fn in_group(self, group: impl Into<String>) -> Self {
+        Self { group: group.into(), ..self }
+    }
+
+    pub(crate) fn with(self, panel: Panel) -> Self {
+        self.with_all(vec![panel])
+    }
+
+    pub(crate) fn with_all(mut self, panels: Vec<Panel>) -> Self {
+        self.panels.extend(panels);
+        self
+    }
+
+    pub(crate) fn logarithmic(self) -> Self {
+        Self { logarithmic: true, ..self }
+    }
+
+    pub(crate) fn named(self, names: Vec<String>) -> Self {
+        Self { names, ..self }
+    }
+
+    pub(crate) fn half(self) -> Self {
+        Self { half: true, ..self }
+    }
+
+    /// Of so many samples, where not all are drawn.
+    pub(crate) fn thinned(self, samples: Option<usize>) -> Self {
+        Self { samples, ..self }
+    }
+
     /// The figure with what the script needs; drawn already for readers without scripts.
     pub(crate) fn markup(&self) -> Markup {
         html! {
@@ -235,18 +301,9 @@ mod tests {
 
     #[test]
     fn hostile_names_stay_inside_their_block() {
-        let figure = Figure {
-            id: "a".into(),
-            group: "g".into(),
-            caption: "</script><script>alert(1)</script>".into(),
-            label: "\"]}</script><!--".into(),
-            logarithmic: false,
-            at: vec![0.0, 1.0],
-            panels: Vec::new(),
-            names: Vec::new(),
-            half: false,
-            samples: None,
-        };
+        let figure = Figure::new("a", "</script><script>alert(1)</script>", "\"]}</script><!--", vec![0.0, 1.0])
+            .in_group("g")
+            .with_all(Vec::new());
         let text = figure.markup().into_string();
         assert_eq!(text.matches("<script").count(), 1);
         assert_eq!(text.matches("</script").count(), 1);

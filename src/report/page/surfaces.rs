@@ -148,16 +148,8 @@ fn figure(k: usize, table: &TableEstimate) -> Option<Figure> {
         _ => return None,
     };
     let unit = bracketed(first.unit.as_deref());
-    Some(Figure {
-        id: format!("table-{}", k + 1),
-        group: format!("table-{}", k + 1),
-        caption: called(table),
-        label: format!("{}{unit}", first.name),
-        logarithmic: false,
-        at: first.axis.clone(),
-        panels: vec![Panel { label: table.table.clone(), height: 200, logarithmic: false, marks }],
-        names: Vec::new(),
-        half: false,
-        samples: None,
-    })
+    Some(
+        Figure::new(format!("table-{}", k + 1), called(table), format!("{}{unit}", first.name), first.axis.clone())
+            .with(Panel::new(table.table.clone(), 200, marks)),
+    )
 }
