@@ -2,13 +2,12 @@
 //! was ruled out.
 
 use super::section::{Part, Rows, Section, Trust, Verdict as Judged};
-use crate::page::equations::{Line, lines, shown as set};
+use crate::equations::{Line, lines, shown as set};
 use crate::page::figure::{Figure, Look, Mark, Panel, Shape};
-use crate::page::number::bracketed;
+use crate::page::number::{bracketed, unit_of_frequency};
 use crate::page::subject::{Subject, called};
 use crate::page::table::{Column, Table as Columns};
 use crate::page::thinning::Kept;
-use crate::spectral::unit_of_frequency;
 use crate::text;
 use fdm_discover::{Biased, Cause, CurvePoint, Detectable, FrontModel, LackOfFit, OutputGain, PlaceKind, Verdict};
 use fdm_results::documents::{DiagnosisDocument, digits, fixed};

@@ -3,9 +3,9 @@
 use super::fit::{Detail, closed, said};
 use super::response::unwrapped;
 use super::section::{Cell, Part, Rows, Section};
-use super::spectral::{first_values, in_time, trimmed_at, unit_of_frequency};
+use super::spectral::{first_values, in_time, trimmed_at};
 use crate::page::figure::{Figure, Look, Mark, Panel, Shape};
-use crate::page::number::shown;
+use crate::page::number::{shown, unit_of_frequency};
 use crate::parameters;
 use fdm_estimate::{PairFit, ResponseFit, Sensitivity};
 use fdm_results::documents::{FrequencyResponses, Pair, digits, estimate_remarks};

@@ -1,7 +1,7 @@
 //! How far a job is: its tasks, who is at work, and files that are not used.
 
 use super::section::{Part, Report, Rows, Section, Trust, Verdict};
-use crate::page::progress::duration;
+use crate::progress::duration;
 use crate::{html, text};
 use fdm_results::documents::{JobStatus, ShardStatus};
 use maud::html;

@@ -4,9 +4,10 @@ use super::section::{Part, Rows, Section};
 use crate::page::number::text as number;
 use crate::page::picture::Picture;
 use crate::page::scale::Scale;
-use crate::page::shapes;
+use crate::shapes;
 use crate::text;
-use fdm_results::documents::{ModeDocument, ModesDocument, StandardErrors, digits};
+use fdm_results::documents::{ModeDocument, ModesDocument, digits};
+use fdm_system::linear::ModeErrors;
 use maud::{Markup, html};
 
 const WIDTH: f64 = 620.0;
@@ -81,7 +82,7 @@ fn table<'a>(modes: &'a [ModeDocument], time: &str) -> Rows<(usize, &'a ModeDocu
     let mut table = Rows::over(modes.iter().filter(|m| m.im >= 0.0).enumerate());
     table.number("mode", |(k, _)| k + 1).on_page();
     let with = modes.iter().any(|m| m.standard_errors.is_some());
-    let error = |table: &mut Rows<(usize, &ModeDocument)>, of: fn(&ModeDocument, &StandardErrors) -> String| {
+    let error = |table: &mut Rows<(usize, &ModeDocument)>, of: fn(&ModeDocument, &ModeErrors) -> String| {
         if with {
             table.number("standard error", |(_, m)| m.standard_errors.flatten().map_or(String::new(), |e| of(m, &e)));
         }
@@ -118,12 +119,12 @@ pub(crate) fn pictures(found: &ModesDocument) -> Vec<Picture> {
 }
 
 /// What is known of the error of an eigenvalue.
-fn errors(mode: &ModeDocument) -> Option<&StandardErrors> {
+fn errors(mode: &ModeDocument) -> Option<&ModeErrors> {
     mode.standard_errors.as_ref()?.as_ref().filter(|e| e.re.is_finite() && e.im.is_finite())
 }
 
 fn root(mode: &ModeDocument) -> Root {
-    let covariance = |e: &StandardErrors| if e.covariance.is_finite() { e.covariance } else { 0.0 };
+    let covariance = |e: &ModeErrors| if e.covariance.is_finite() { e.covariance } else { 0.0 };
     let spread = errors(mode).map(|e| [e.re * e.re, covariance(e), e.im * e.im]);
     Root { re: mode.re, im: mode.im, spread }
 }

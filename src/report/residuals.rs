@@ -3,9 +3,8 @@
 
 use super::section::{Cell, Part, Rows, Section};
 use crate::page::figure::{Figure, Look, Mark, Panel, Shape};
-use crate::page::number::{probability, shown};
+use crate::page::number::{probability, shown, unit_of_frequency};
 use crate::page::subject::Subject;
-use crate::spectral::unit_of_frequency;
 use crate::text;
 use fdm_estimate::residuals::{InputCorrelation, OutputQuality, TicParts, Whiteness};
 use fdm_results::documents::{OutputDocument, digits, fixed};

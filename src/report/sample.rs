@@ -1,8 +1,7 @@
 //! Draws from a posterior: what they say of every parameter, whether the chains agree, and what they predict.
 
-use super::section::{Cell, Part, Report, Rows, Section, Trust, Verdict, sentence};
+use super::section::{Cell, Part, Report, Rows, Section, Trust, Verdict, capital, sentence};
 use crate::page::figure::{Figure, Look, Mark, Panel, Shape};
-use crate::page::headline::capital;
 use crate::page::number::bracketed;
 use crate::page::subject::called;
 use crate::page::thinning::Kept;

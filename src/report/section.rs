@@ -69,6 +69,18 @@ pub(crate) fn sentence(clause: &str) -> String {
     format!("{}{}.", first.unwrap_or_default(), letters.as_str())
 }
 
+/// A sentence with its first letter large.
+pub(crate) fn capital(sentence: &str) -> String {
+    // names of parameters begin sentences too, and stay what they are
+    let word = sentence.split(' ').next().unwrap_or_default();
+    let plain = word.chars().all(|c| c.is_ascii_lowercase() || c == ':') && word.len() > 3;
+    let mut letters = sentence.chars();
+    match letters.next() {
+        Some(first) if plain => first.to_uppercase().chain(letters).collect(),
+        _ => sentence.to_string(),
+    }
+}
+
 /// A part of a report that can be pointed at.
 #[derive(Debug)]
 pub(crate) struct Section {

@@ -5,7 +5,7 @@ use super::fitted_responses;
 use super::section::{Part, Section};
 use crate::page::figure::Panel;
 use crate::page::figure::{Figure, Look, Mark};
-use crate::page::number::bracketed;
+use crate::page::number::{bracketed, unit_of_frequency};
 use crate::page::subject::Subject;
 use crate::page::table::Table as Columns;
 use crate::parameters;
@@ -64,11 +64,6 @@ pub(crate) fn in_time(finish: Option<&Fit>, unfinished: Option<&impl Display>) -
     let unfinished =
         unfinished.map(|why| format!("\ninitial states and biases could not be found in the time domain: {why}\n"));
     finish.unwrap_or_default() + &unfinished.unwrap_or_default()
-}
-
-/// The unit of frequency that belongs to a unit of time.
-pub(crate) fn unit_of_frequency(time: &str) -> String {
-    if time == "s" { "Hz".to_string() } else { format!("cycles per {time}") }
 }
 
 /// What was compared in the frequency domain: frequency responses with coherence, or the spectra of the outputs; behind a fit in time what

@@ -6,12 +6,12 @@ use super::picture::Picture;
 #[cfg(feature = "png")]
 use super::raster::{self, RasterError};
 use super::subject::{Content, Subject};
-use super::{correlations, drawing, equations, headline, histories, progress, reproduction, surfaces};
+use super::{drawing, headline};
 use crate::html;
 use crate::section::{Report, Section};
 use crate::{
-    confidence, convergence, diagnosis, margins, modes, parameters, regression, residuals, spectral, starts, study,
-    validation,
+    confidence, convergence, correlations, diagnosis, equations, histories, margins, modes, parameters, progress,
+    regression, reproduction, residuals, spectral, starts, study, surfaces, validation,
 };
 
 /// The whole page; the same subject gives the same text.

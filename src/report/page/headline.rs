@@ -1,11 +1,9 @@
 //! What a reader must know who reads nothing else: how it ended, whether it can be trusted, and what speaks against it.
 
-use super::number::{shown, text};
-use super::progress;
 use super::subject::{Content, Subject};
-use crate::section::{Point, Trust, Verdict};
-use crate::{diagnosis, regression, study};
-use fdm_results::documents::{About, FitDocument, Remark, ResultDocument, Terminated};
+use crate::section::{Trust, Verdict, capital};
+use crate::{diagnosis, fit, progress, regression, study};
+use fdm_results::documents::ResultDocument;
 use fdm_system::record::Assumptions;
 
 /// What kind of result it is.
@@ -34,12 +32,12 @@ pub(crate) fn verdict(subject: &Subject) -> Verdict {
         Content::Diagnosis(found) => diagnosis::verdict(found),
         Content::Result(ResultDocument::Regression(found)) => regression::verdict(found),
         Content::Result(ResultDocument::Fit(fit)) => {
-            let mut verdict = fit.study.as_ref().map_or_else(|| of_fit(fit), study::verdict);
-            verdict.points.extend(remarks(fit));
+            let mut verdict = fit.study.as_ref().map_or_else(|| fit::verdict(fit), study::verdict);
+            verdict.points.extend(fit::points(fit));
             verdict
         }
     };
-    verdict.facts = facts(subject);
+    verdict.facts = subject.fit().and_then(fit::facts);
     with_records(verdict, subject)
 }
 
@@ -61,112 +59,4 @@ fn with_records(verdict: Verdict, subject: &Subject) -> Verdict {
     let mut all = Verdict { trust, sentence, facts, points: Vec::new() }.with_points(warnings, "reproduction");
     all.points.extend(points);
     all.with_points(judged.assumed.iter().flat_map(assumed), "reproduction")
-}
-
-/// What speaks against a result, the heaviest first, each with the section that shows it.
-fn remarks(fit: &FitDocument) -> Vec<Point> {
-    let mut remarks: Vec<&Remark> = fit.remarks.iter().collect();
-    remarks.sort_by_key(|r| r.about.rank());
-    remarks.iter().map(|r| Point { sentence: capital(&r.sentence), anchor: place(r.about) }).collect()
-}
-
-/// How a fit ended and whether anything speaks against it, in a sentence.
-pub fn fit_verdict(fit: &FitDocument) -> String {
-    of_fit(fit).sentence
-}
-
-fn of_fit(fit: &FitDocument) -> Verdict {
-    let what = if fit.validation.is_some() { "The validation" } else { "The fit" };
-    if fit.termination != Terminated::Converged {
-        return Verdict::new(Trust::Bad, format!("{what} did not end well: {}.", fit.message));
-    }
-    if let Some(first) = fit.remarks.iter().find(|r| r.about == About::Unexplained) {
-        return Verdict::new(Trust::Bad, format!("{what} converged, but {}.", first.sentence));
-    }
-    if !fit.undetermined.is_empty() {
-        let said = format!(
-            "{what} converged, but the data do not determine every parameter: errors and values below hold only where they are shown."
-        );
-        return Verdict::new(Trust::Bad, said);
-    }
-    if fit.remarks.iter().any(|r| r.about == About::Likelihood) {
-        let said =
-            format!("{what} converged, but the likelihood has no maximum: values and errors below mean nothing.");
-        return Verdict::new(Trust::Bad, said);
-    }
-    let bounds = fit.remarks.iter().filter(|r| r.about == About::Bound).count();
-    let against = fit.remarks.iter().filter(|r| r.about.speaks_against()).count();
-    let (trust, said) = match (bounds, against) {
-        (0, 0) => (Trust::Good, format!("{what} converged, and nothing speaks against the result.")),
-        (0, _) => (Trust::Reserved, format!("{what} converged; read the remarks below before the numbers are used.")),
-        (1, _) => (Trust::Reserved, format!("{what} converged with a parameter at its bound.")),
-        (n, _) => (Trust::Reserved, format!("{what} converged with {n} parameters at their bounds.")),
-    };
-    Verdict::new(trust, said)
-}
-
-/// How much was fitted to how much, and which output is matched worst.
-fn facts(subject: &Subject) -> Option<String> {
-    let outputs = subject.outputs();
-    let parameters = subject.fit()?.parameters.iter().filter(|p| p.standard_error.is_some()).count();
-    let mut runs: Vec<&str> = outputs.iter().map(|o| o.run.as_str()).collect();
-    runs.sort_unstable();
-    runs.dedup();
-    let compared: usize = outputs.iter().map(|o| o.compared).sum();
-    let explained = outputs.iter().filter_map(|o| Some((o, o.r2?)));
-    let (worst, r2) = explained.min_by(|a, b| a.1.total_cmp(&b.1))?;
-    let place = if runs.len() > 1 { format!(" in {}", worst.run) } else { String::new() };
-    let count = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
-    Some(format!(
-        "{} estimated from {} ({compared} measured values). Matched worst: {}{place}, of whose variance the model explains {} % (RMS of the residual {}{}).",
-        count(parameters, "parameter"),
-        count(runs.len(), "run"),
-        worst.name,
-        text(100.0 * r2, 4),
-        shown(worst.rms, 3),
-        worst.unit.as_ref().map_or(String::new(), |u| format!(" {u}")),
-    ))
-}
-
-/// The section where what a remark is about can be seen.
-fn place(about: About) -> &'static str {
-    match about {
-        About::Initial
-        | About::Undetermined
-        | About::Likelihood
-        | About::Minima
-        | About::Bound
-        | About::Few
-        | About::Short
-        | About::Biased
-        | About::Intervals
-        | About::Prior => "parameters",
-        About::Correlated => "correlations",
-        About::Table => "tables",
-        About::Iteration => "convergence",
-        About::Unexplained
-        | About::Offset
-        | About::Input
-        | About::Interpolation
-        | About::InterpolationUnknown
-        | About::Colour
-        | About::Noise
-        | About::NoNoise
-        | About::Untested
-        | About::NotMeasured
-        | About::Bridged
-        | About::Regressors => "residuals",
-    }
-}
-
-/// A sentence with its first letter large.
-pub(crate) fn capital(sentence: &str) -> String {
-    // names of parameters begin sentences too, and stay what they are
-    let word = sentence.split(' ').next().unwrap_or_default();
-    let plain = word.chars().all(|c| c.is_ascii_lowercase() || c == ':') && word.len() > 3;
-    let mut letters = sentence.chars();
-    match letters.next() {
-        Some(first) if plain => first.to_uppercase().chain(letters).collect(),
-        _ => sentence.to_string(),
-    }
 }

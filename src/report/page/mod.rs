@@ -6,37 +6,30 @@
 //! own; `figure` (what is drawn) -> `drawing` (as SVG, for readers without scripts and for paper) -> `raster` (as pixels), and `figure.js`
 //! (zoom, crosshair); `picture` is a drawing without axes that could be moved.
 
-pub(crate) mod correlations;
 pub(crate) mod document;
 pub(crate) mod drawing;
-pub(crate) mod equations;
 pub(crate) mod figure;
 pub(crate) mod headline;
-pub(crate) mod histories;
 pub(crate) mod number;
 pub(crate) mod picture;
-pub(crate) mod progress;
 #[cfg(feature = "png")]
 pub(crate) mod raster;
-pub(crate) mod reproduction;
 pub(crate) mod scale;
-pub(crate) mod shapes;
 pub(crate) mod subject;
-pub(crate) mod surfaces;
 pub(crate) mod table;
 pub(crate) mod thinning;
 
 pub use crate::calibration::calibration_page;
 pub use crate::comparison::comparison_page;
 pub use crate::doctor::doctor_page;
+pub use crate::fit::fit_verdict;
 pub use crate::job::job_page;
 pub use crate::profile::profile_page;
+pub use crate::progress::duration;
 pub use crate::response::responses_page;
 pub use crate::sample::sample_page;
 pub use document::{Drawing, drawings, page};
 pub use drawing::Paper;
-pub use headline::fit_verdict;
-pub use progress::duration;
 #[cfg(feature = "png")]
 pub use raster::RasterError;
 pub use subject::{Subject, SubjectError};

@@ -32,3 +32,8 @@ pub(crate) fn probability(value: impl Into<Option<f64>>) -> String {
 pub(crate) fn bracketed(unit: Option<&str>) -> String {
     unit.filter(|u| !u.is_empty()).map_or(String::new(), |u| format!(" [{u}]"))
 }
+
+/// The unit of frequency that belongs to a unit of time.
+pub(crate) fn unit_of_frequency(time: &str) -> String {
+    if time == "s" { "Hz".to_string() } else { format!("cycles per {time}") }
+}

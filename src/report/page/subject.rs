@@ -1,7 +1,7 @@
 //! What a page is about, read from the files of a result.
 
+use super::number::unit_of_frequency;
 use super::table::Table;
-use crate::spectral::unit_of_frequency;
 use fdm_estimate::{Iteration, ParameterEstimate, Status};
 use fdm_grammar::Source;
 use fdm_grammar::syntax::{SyntaxTree, parse};

@@ -1,11 +1,11 @@
 //! What was measured beside what the model answers, output by output, with the residual beneath on the same axis.
 
-use super::figure::{Figure, Look, Mark, Panel, Shape};
-use super::number::{bracketed, shown};
-use super::subject::Subject;
-use super::table::{Column, Table};
-use super::thinning::Kept;
-use crate::section::Section;
+use super::section::Section;
+use crate::page::figure::{Figure, Look, Mark, Panel, Shape};
+use crate::page::number::{bracketed, shown};
+use crate::page::subject::Subject;
+use crate::page::table::{Column, Table};
+use crate::page::thinning::Kept;
 use maud::html;
 
 /// Points of all figures together, and of one at least and at most.

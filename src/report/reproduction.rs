@@ -1,7 +1,7 @@
 //! What it takes to get the same numbers again: the command, the files by their fingerprints, the program.
 
-use super::subject::Subject;
-use crate::section::Section;
+use super::section::Section;
+use crate::page::subject::Subject;
 use maud::html;
 
 pub(crate) fn section(subject: &Subject) -> Option<Section> {

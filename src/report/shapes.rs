@@ -1,7 +1,7 @@
 //! What the states do in a mode: the components of its eigenvector, each as a hand of a dial, its length by decades.
 
-use super::number::text;
-use super::picture::Picture;
+use crate::page::number::text;
+use crate::page::picture::Picture;
 use fdm_results::documents::{Component, ModeDocument};
 use maud::{Markup, html};
 

@@ -1,8 +1,8 @@
 //! Work that goes on: what is being done, for how long, and how much is left.
 
-use super::number::{shown, text};
-use super::subject::{Content, Subject};
-use crate::section::{Section, Trust, Verdict};
+use super::section::{Section, Trust, Verdict};
+use crate::page::number::{shown, text};
+use crate::page::subject::{Content, Subject};
 use crate::study;
 use fdm_results::documents::ProgressDocument;
 use maud::html;

@@ -1,10 +1,10 @@
 //! The tables of a model at the estimates: curves and surfaces with their errors, as far as any run has visited them.
 
-use super::correlations::shade;
-use super::figure::{Figure, Look, Mark, Panel, Shape};
-use super::number::{bracketed, text, written};
-use super::subject::Subject;
-use crate::section::Section;
+use super::section::Section;
+use crate::correlations::shade;
+use crate::page::figure::{Figure, Look, Mark, Panel, Shape};
+use crate::page::number::{bracketed, text, written};
+use crate::page::subject::Subject;
 use fdm_estimate::{NodeEstimate, Smoothing, TableAxis, TableEstimate};
 use fdm_results::documents::digits_by_error;
 use maud::{Markup, html};

@@ -1,8 +1,8 @@
 //! Which parameters the data tell apart badly: the correlations of all estimates as a map, and the worst as a list.
 
-use super::number::text;
-use super::subject::{Subject, called};
-use crate::section::Section;
+use super::section::Section;
+use crate::page::number::text;
+use crate::page::subject::{Subject, called};
 use maud::html;
 
 /// Correlations beyond this are listed.

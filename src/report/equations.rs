@@ -1,7 +1,7 @@
 //! The model's equations, typeset; beside each what the text says of it.
 
-use super::subject::Subject;
-use crate::section::Section;
+use super::section::Section;
+use crate::page::subject::Subject;
 use fdm_grammar::Source;
 use fdm_grammar::expand::expand;
 use fdm_grammar::syntax::{Declaration, Role, StatementKind, SyntaxTree, Typesetter, Value};
