@@ -3,10 +3,10 @@
 use super::overlay::bars;
 use super::section::{Part, Report, Rows, Section, Trust, Verdict, sentence};
 use crate::page::figure::{Figure, Look, Mark, Panel, Shape};
-use crate::page::subject::called;
 use crate::{html, text};
 use fdm_numeric::statistics::normal_quantile;
 use fdm_results::documents::calibration::{CalibratedParameter, CalibrationDocument};
+use fdm_results::documents::with_run;
 
 /// Parameters that are drawn.
 const DRAWN: usize = 24;
@@ -54,15 +54,13 @@ fn facts(found: &CalibrationDocument) -> String {
 fn ranks(found: &CalibrationDocument) -> Section {
     let mut table = Rows::over(&found.parameters);
     table.name("parameter", |p| p.name.clone());
-    if found.parameters.iter().any(|p| p.run.is_some()) {
-        table.words("run", |p| p.run.clone().unwrap_or_default());
-    }
+    table.runs(|p| p.run.as_deref());
     table.words("ranks", |p| bars(&p.counts)).in_text();
     table.number("mean rank", |p| format!("{:.3}", p.mean_rank));
     table.number("shift", |p| format!("{:.1}", p.shift));
     table.number("spread", |p| format!("{:.1}", p.spread));
     table.number("p", |p| format!("{:.3}", p.p));
-    table.words("", |p| p.said(found.alone()));
+    table.words("", |p| p.judgement(found.alone()));
     Section::new("parameters", "Ranks of the truth").with(table).with(
         Part::Note(
             "Shift and spread are standard normal variates where ranks are uniform. p is that of Neyman's smooth test of order 4.".into(),
@@ -94,7 +92,7 @@ fn histogram(k: usize, p: &CalibratedParameter, done: usize) -> Figure {
     ];
     Figure::new(
         format!("ranks-{}", k + 1),
-        called(&p.name, p.run.as_deref()),
+        with_run(&p.name, p.run.as_deref()),
         "rank of the truth [%]",
         (0..columns).map(|c| (c as f64 + 0.5) * 100.0 * share).collect(),
     )

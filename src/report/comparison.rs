@@ -236,9 +236,7 @@ fn parameters(candidates: &[Candidate]) -> Rows<(&str, Option<&str>)> {
         c.parameters.iter().find(|p| p.name == *name && p.run.as_deref() == *run).cloned()
     };
     table.name("parameter", |(name, _)| *name);
-    if table.iter().any(|(_, run)| run.is_some()) {
-        table.words("run", |(_, run)| run.unwrap_or_default());
-    }
+    table.runs(|(_, run)| *run);
     table.words("unit", |row| candidates.iter().find_map(|c| find(c, row)).and_then(|p| p.unit).unwrap_or_default());
     for c in candidates {
         table.number(&c.name, |row| find(c, row).map_or("-".into(), |p| value_with_error(&p)));
@@ -282,7 +280,7 @@ fn predictions(comparison: &Comparison) -> Option<Section> {
         (p.name.as_str(), of.collect())
     });
     let lost = comparison.predictions.iter().filter(|p| !p.converged);
-    let lost = lost.map(|p| format!("{}: initial states and biases of the held-out runs were not found", p.name));
+    let lost = lost.map(|p| format!("{}: initial states and biases of the validation runs were not found", p.name));
     let section = Section::new("predictions", "Validation data").with(outputs("validation", matches.collect()));
     Some(section.with_all(lost.map(Part::Line)).with_all(comparison.edges.iter().map(|e| Part::Line(edge(e)))))
 }

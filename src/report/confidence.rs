@@ -4,16 +4,16 @@
 use super::section::{Cell, Part, Rows, Section};
 use crate::page::figure::{Figure, Look, Mark, Panel, Shape};
 use crate::page::number::bracketed;
-use crate::page::subject::{Subject, called};
+use crate::page::subject::Subject;
 use crate::text;
 use fdm_estimate::{LengthFit, LengthSensitivity, ParameterEstimate, Weight};
-use fdm_results::documents::{FitDocument, digits};
+use fdm_results::documents::{FitDocument, digits, with_run};
 
 /// Changes in standard errors beyond which a parameter hangs on the weights.
 const MUCH: f64 = 2.0;
 /// Doubt beyond which a parameter is of little worth.
 const DOUBTFUL: f64 = 0.2;
-/// Doubt beyond which the records hardly tell a parameter from zero.
+/// Doubt beyond which the records hardly distinguish a parameter from zero.
 const MINOR: f64 = 0.5;
 /// Parameters whose course is drawn.
 const DRAWN: usize = 24;
@@ -54,7 +54,7 @@ fn lengths(fit: &FitDocument) -> Option<Vec<Part>> {
     let lengths = fit.by_length.as_ref().filter(|lengths| lengths.len() > 1)?;
     let confidence = fit.confidence.as_deref().unwrap_or_default();
     let shown = |l: &LengthFit| digits(l.length, 3);
-    let name = |s: &LengthSensitivity| called(&s.name, s.run.as_deref());
+    let name = |s: &LengthSensitivity| with_run(&s.name, s.run.as_deref());
     let mut table = Rows::over(confidence);
     table.name("by confidence", |s| name(s));
     for l in lengths {
@@ -87,7 +87,7 @@ fn find<'a>(fit: &'a LengthFit, of: &LengthSensitivity) -> Option<&'a ParameterE
 fn weights(fit: &FitDocument) -> Option<Vec<Part>> {
     let reweighting = fit.weights.as_ref()?.as_ref()?;
     let mut table = Rows::over(reweighting.parameters.iter().enumerate());
-    table.name("by weights", |(_, p)| called(&p.name, p.run.as_deref()));
+    table.name("by weights", |(_, p)| with_run(&p.name, p.run.as_deref()));
     for v in &reweighting.variations {
         let title = match v.weight {
             Weight::NoiseHalved => format!("{} / 2", v.output),
@@ -132,7 +132,7 @@ fn course(k: usize, of: &LengthSensitivity, lengths: &[LengthFit], time: &str) -
     let doubt = doubt.map_or(String::new(), |d| format!(": in doubt by {} %", digits(100.0 * d, 2)));
     Figure::new(
         format!("length-{}", k + 1),
-        format!("{}{doubt}", called(&of.name, of.run.as_deref())),
+        format!("{}{doubt}", with_run(&of.name, of.run.as_deref())),
         format!("length [{time}]"),
         lengths.iter().map(|l| l.length).collect(),
     )

@@ -1,4 +1,4 @@
-//! What the next runs would tell: a table of parameters, one of manoeuvres.
+//! What the next runs would determine: a table of parameters, one of manoeuvres.
 
 use super::section::{Part, Rows, Section};
 use crate::text;
@@ -11,7 +11,7 @@ const CLEAR: f64 = 3.0;
 /// Manoeuvres that are listed.
 const LISTED: usize = 12;
 
-/// Parameters now and then, planned runs, the most telling manoeuvres, and what nothing would tell.
+/// Parameters now and then, planned runs, the most informative manoeuvres, and what nothing would determine.
 pub fn design_table(design: &Design, model: &Model) -> String {
     let time = model.definition().time.to_string();
     let runs = design.steps.iter().enumerate().map(|(k, step)| {

@@ -1,16 +1,16 @@
-//! A diagnosis: what is wrong and when, the causes with what cannot be told from them, what changes in the equations, what is gained, what
+//! A diagnosis: what is wrong and when, the causes with their alternatives, what changes in the equations, what is gained, what
 //! was ruled out.
 
 use super::section::{Part, Rows, Section, Trust, Verdict as Judged};
 use crate::equations::{Line, lines, shown as set};
 use crate::page::figure::{Figure, Look, Mark, Panel, Shape};
 use crate::page::number::{bracketed, unit_of_frequency};
-use crate::page::subject::{Subject, called};
+use crate::page::subject::Subject;
 use crate::page::table::{Column, Table as Columns};
 use crate::page::thinning::Kept;
 use crate::text;
 use fdm_discover::{Biased, Cause, CurvePoint, Detectable, FrontModel, LackOfFit, OutputGain, PlaceKind, Verdict};
-use fdm_results::documents::{DiagnosisDocument, digits, fixed};
+use fdm_results::documents::{DiagnosisDocument, digits, fixed, with_run};
 use maud::{Markup, html};
 use similar::{ChangeTag, DiffOp, TextDiff, capture_diff_slices};
 
@@ -127,8 +127,8 @@ fn wrong(found: &DiagnosisDocument, time: &str) -> Section {
     };
     let said = lacks(found).map(|said| Part::Line(format!("  {said}")).in_text());
     let sure = || found.places.iter().filter(|s| s.evidence.is_finite());
-    let odds = found.places.iter().take(NAMED).map(|site| {
-        let line = format!("something unknown at {}: the odds are e^{:.0} to 1", site.place, site.evidence);
+    let odds = found.places.iter().take(NAMED).map(|place| {
+        let line = format!("something unknown at {}: the odds are e^{:.0} to 1", place.place, place.evidence);
         Part::Line(line).in_text()
     });
     let mut places = Rows::over(sure());
@@ -243,7 +243,7 @@ fn amplitudes(k: usize, m: &LackOfFit) -> Option<Figure> {
     Some(figure)
 }
 
-/// Each cause with its parameters, what it gains, and what cannot be told from it.
+/// Each cause with its parameters, what it gains, and its alternatives.
 fn causes(found: &DiagnosisDocument) -> Section {
     let parts = found
         .causes
@@ -423,15 +423,15 @@ fn gained(found: &DiagnosisDocument) -> Section {
     Section::new("gain", "Before and after").with(table).with_all(gains.map(Part::Line))
 }
 
-/// Runs that were held out stand first.
+/// Validation runs stand first.
 fn ordered<'a>(subject: &'a Subject, outputs: &[OutputGain]) -> Vec<(String, &'a Columns)> {
-    let held = |run: &str| outputs.iter().any(|o| o.run == run && o.validation);
-    let mut runs: Vec<_> = subject.runs.iter().map(|(run, table)| (held(run), run, table)).collect();
-    runs.sort_by_key(|(held, ..)| !held);
-    let told = |(held, run, table): (bool, &'a String, &'a Columns)| {
-        (if held { format!("{run} (validation)") } else { run.clone() }, table)
+    let is_validation = |run: &str| outputs.iter().any(|o| o.run == run && o.validation);
+    let mut runs: Vec<_> = subject.runs.iter().map(|(run, table)| (is_validation(run), run, table)).collect();
+    runs.sort_by_key(|(validation, ..)| !validation);
+    let titled = |(validation, run, table): (bool, &'a String, &'a Columns)| {
+        (if validation { format!("{run} (validation)") } else { run.clone() }, table)
     };
-    runs.into_iter().map(told).collect()
+    runs.into_iter().map(titled).collect()
 }
 
 fn overlays(k: usize, table: &Columns) -> Vec<Figure> {
@@ -477,7 +477,7 @@ fn moved(found: &DiagnosisDocument) -> Option<Section> {
     let any = !far.is_empty();
     let error = |e: Option<f64>| e.map_or(String::new(), |e| format!("+- {}", digits(e, 2)));
     let mut table = Rows::over(far);
-    table.name("what the missing effect had moved", |b| called(&b.name, b.run.as_deref()));
+    table.name("what the missing effect had moved", |b| with_run(&b.name, b.run.as_deref()));
     table.number("before", |b| digits(b.before, 5));
     table.number("", |b| error(b.before_error));
     table.number("after", |b| digits(b.after, 5));

@@ -6,7 +6,7 @@ use crate::{parameters, remarks, residuals, text};
 use fdm_estimate::Estimate;
 use fdm_results::documents::{About, FitDocument, OutputDocument, Remark, Terminated, estimate_remarks};
 
-/// How much a table tells.
+/// How much a table shows.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Detail {
     /// The interval of 95 % of each parameter.
@@ -25,14 +25,14 @@ pub fn estimate_text(estimate: &Estimate, detail: Detail) -> String {
     let outputs: Vec<OutputDocument> = estimate.outputs.iter().map(OutputDocument::from).collect();
     let section = Section::new("fit", "Fit").with(parameters::table(&estimate.parameters, false));
     let section = section.with_all((!outputs.is_empty()).then(|| residuals::table(&outputs)));
-    closed(section, said(&estimate_remarks(estimate), detail))
+    closed(section, remark_lines(&estimate_remarks(estimate), detail))
 }
 
 /// Tables of a fit in the time domain: parameters with standard errors, each output with the tests of its residuals, and remarks, with so
 /// much detail; of a filter the measurement noise too.
 pub fn fit_table(fit: &FitDocument, detail: Detail) -> String {
     let tested = fit.outputs.iter().any(|o| o.whiteness.is_some());
-    let mut last = said(&fit.remarks, detail);
+    let mut last = remark_lines(&fit.remarks, detail);
     if let Some(deviations) = &fit.deviations {
         let innovations = "residuals are innovations: measured minus predicted from the sample before";
         if tested {
@@ -50,7 +50,7 @@ pub fn fit_table(fit: &FitDocument, detail: Detail) -> String {
 }
 
 /// Remarks as lines.
-pub(crate) fn said(remarks: &[Remark], detail: Detail) -> Vec<Part> {
+pub(crate) fn remark_lines(remarks: &[Remark], detail: Detail) -> Vec<Part> {
     remarks::lines(remarks, detail.verbose).into_iter().map(Part::Line).collect()
 }
 

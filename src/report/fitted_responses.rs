@@ -1,6 +1,6 @@
 //! A fit of frequency responses: what every pair costs, how well the parameters are known by it, and each response beside the model's.
 
-use super::fit::{Detail, closed, said};
+use super::fit::{Detail, closed, remark_lines};
 use super::response::unwrapped;
 use super::section::{Cell, Part, Rows, Section};
 use super::spectral::{first_values, in_time, trimmed_at};
@@ -9,11 +9,10 @@ use crate::page::number::{shown, unit_of_frequency};
 use crate::parameters;
 use fdm_estimate::{PairFit, ResponseFit, Sensitivity};
 use fdm_results::documents::{FrequencyResponses, Pair, digits, estimate_remarks};
-use std::f64::consts::TAU;
 
 /// Cost up to which a model is good.
 const GOOD: f64 = 100.0;
-/// Cost up to which it cannot be told from the data.
+/// Cost up to which it is as good as the data.
 const AS_DATA: f64 = 50.0;
 /// Percent up to which a bound and an insensitivity are good.
 const BOUND: f64 = 20.0;
@@ -33,7 +32,7 @@ pub fn fitted_response_table(fit: &ResponseFit, detail: Detail) -> String {
         format!("{output}/{input} is nowhere coherent and was left out; sweeps that move {input} more would show it")
     });
     // outputs here are decibels and degrees, about which the rest is said above
-    let remarks = said(&estimate_remarks(&fit.estimate), detail);
+    let remarks = remark_lines(&estimate_remarks(&fit.estimate), detail);
     let last = left_out.into_iter().chain(incoherent).map(Part::Line).chain(remarks).collect();
     let section = Section::new("fit", "Fit")
         .with(Part::Line(band(fit)))
@@ -153,14 +152,14 @@ fn continued(measured: &[f64], modelled: &[f64]) -> (Vec<f64>, Vec<f64>) {
 
 /// A pair as columns: frequency, measured and modelled decibels and degrees, coherence.
 pub fn fitted_response_columns(pair: &PairFit) -> Vec<(&'static str, Vec<f64>)> {
-    let part = |of: &[[f64; 2]], k: usize| of.iter().map(|v| v[k]).collect();
+    let pair = Pair::from(pair);
     vec![
-        ("frequency", pair.omega.iter().map(|w| w / TAU).collect()),
-        ("decibels", part(&pair.measured, 0)),
-        ("degrees", part(&pair.measured, 1)),
-        ("decibels_model", part(&pair.modelled, 0)),
-        ("degrees_model", part(&pair.modelled, 1)),
-        ("coherence", pair.coherence.clone()),
-        ("error", pair.error.clone()),
+        ("frequency", pair.frequency),
+        ("decibels", pair.decibels),
+        ("degrees", pair.degrees),
+        ("decibels_model", pair.model_decibels),
+        ("degrees_model", pair.model_degrees),
+        ("coherence", pair.coherence),
+        ("error", pair.error),
     ]
 }

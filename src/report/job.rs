@@ -22,7 +22,7 @@ pub fn job_page(status: &JobStatus) -> String {
         .shards
         .iter()
         .filter(|s| !s.alive)
-        .map(|s| format!("Shard {} on {} is silent for {}.", s.told.shard, s.told.host, duration(s.silent)));
+        .map(|s| format!("Shard {} on {} is silent for {}.", s.report.shard, s.report.host, duration(s.silent)));
     let damaged = (!status.damaged.is_empty())
         .then(|| format!("{} file(s) are damaged or foreign; their tasks count as missing.", status.damaged.len()));
     let verdict = Verdict::new(trust, said).with_points(silent, "shards").with_points(damaged, "missing");
@@ -50,11 +50,11 @@ fn progress(status: &JobStatus) -> Section {
 
 fn shards(status: &JobStatus) -> Section {
     let mut table = Rows::over(&status.shards);
-    table.label("shard", |s| s.told.shard.clone());
-    table.words("machine (process)", |s| format!("{} ({})", s.told.host, s.told.process));
-    table.number("tasks done", |s| format!("{} of {}", s.told.done, s.told.tasks));
-    table.number("tasks/s", |s| format!("{:.3}", s.told.rate()));
-    table.number("at work for", |s| duration(s.told.elapsed));
+    table.label("shard", |s| s.report.shard.clone());
+    table.words("machine (process)", |s| format!("{} ({})", s.report.host, s.report.process));
+    table.number("tasks done", |s| format!("{} of {}", s.report.done, s.report.tasks));
+    table.number("tasks/s", |s| format!("{:.3}", s.report.rate()));
+    table.number("at work for", |s| duration(s.report.elapsed));
     table.words("", |ShardStatus { silent, alive, .. }| match alive {
         true => "at work".into(),
         false => format!("silent for {}", duration(*silent)),

@@ -1,8 +1,9 @@
 //! What people read: findings about models, tables of estimates, pictures of time histories.
 //!
-//! **In** finished values: sources and diagnostics, fits, time histories. **Out** text: lines, tables, SVG, PNG, pages.
+//! **In** finished values: sources and diagnostics, documents of results, time histories. **Out** text: lines, tables, SVG, PNG, pages.
 //! **Never** simulates, fits or prints: the command line does. Only the stages of `fdm show` are made here: [`stage`]
-//! parses, differentiates and linearises the model that it shows. **Start** at [`render`] and [`fit_table`].
+//! parses, differentiates and linearises the model that it shows. **Start** at `section`, which says what reports are made of; `text` and
+//! `html` print it, and every topic (parameters, residuals, modes, a study, a diagnosis, ...) is one file with its thresholds and sentences.
 
 mod calibration;
 mod comparison;

@@ -1,24 +1,19 @@
 //! The parameters: values, errors as numbers and as bars, intervals, what is to be said about each, and where it began.
 
 use super::section::{Cell, Part, Rows, Section};
-use crate::page::subject::{Subject, called};
+use crate::page::subject::Subject;
 use fdm_estimate::{ParameterEstimate, Status};
 use fdm_grammar::syntax::StatementKind;
-use fdm_results::documents::{FitDocument, digits, digits_by_error, limit_within_bounds};
+use fdm_results::documents::{
+    CORRELATED, FitDocument, RELIABLE, digits, digits_by_error, limit_within_bounds, with_run,
+};
 use maud::{Markup, html};
-
-/// Standard errors beyond this part of the value are worth a mark.
-const UNCERTAIN: f64 = 0.2;
-/// Correlations beyond this are named.
-const CORRELATED: f64 = 0.9;
 
 /// One row for each parameter, per-run ones once for every run; `intervals` adds the interval that holds the true value in 95 of 100 cases.
 pub(crate) fn table(parameters: &[ParameterEstimate], intervals: bool) -> Rows<(usize, &ParameterEstimate)> {
     let mut table = Rows::over(parameters.iter().enumerate());
     table.name("parameter", |(_, p)| p.name.clone());
-    if parameters.iter().any(|p| p.run.is_some()) {
-        table.words("run", |(_, p)| p.run.clone().unwrap_or_default());
-    }
+    table.runs(|(_, p)| p.run.as_deref());
     table.number("value", |(_, p)| value(p));
     let bound = "the bound of Cramér and Rao for white residuals";
     match parameters.iter().any(|p| p.corrected_error.is_some()) {
@@ -82,7 +77,7 @@ fn value(p: &ParameterEstimate) -> String {
 fn percent(p: &ParameterEstimate) -> Cell {
     let Some(error) = p.error().filter(|_| p.value != 0.0) else { return Cell::default() };
     let part = error / p.value.abs();
-    Cell::warned(if part >= 10.0 { ">1000".into() } else { digits(100.0 * part, 2) }, part > UNCERTAIN)
+    Cell::warned(if part >= 10.0 { ">1000".into() } else { digits(100.0 * part, 2) }, part > RELIABLE)
 }
 
 fn interval(p: &ParameterEstimate) -> String {
@@ -128,7 +123,7 @@ fn bar(share: f64) -> Markup {
     }
 }
 
-/// For every parameter the others that it cannot be told from well.
+/// For every parameter the others that the data hardly separate from it.
 fn partners(fit: &FitDocument) -> Vec<Vec<String>> {
     let (parameters, covered) = (&fit.parameters, &fit.correlations.parameters);
     let mut found = vec![Vec::new(); parameters.len()];
@@ -137,7 +132,7 @@ fn partners(fit: &FitDocument) -> Vec<Vec<String>> {
             let other = covered.get(j).and_then(|k| parameters.get(*k));
             let own = covered.get(i).and_then(|k| found.get_mut(*k));
             if let (Some(list), Some(other)) = (own, other) {
-                list.push(format!("{} {}", called(&other.name, other.run.as_deref()), digits(*r, 3)));
+                list.push(format!("{} {}", with_run(&other.name, other.run.as_deref()), digits(*r, 3)));
             }
         }
     }

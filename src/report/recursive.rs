@@ -2,17 +2,16 @@
 
 use super::plot::TimeHistory;
 use super::section::{Part, Rows, Section};
-use crate::page::subject::called;
 use crate::text;
 use fdm_estimate::equation_error::RecursiveParameter;
 use fdm_estimate::{BestIterate, Criterion};
-use fdm_results::documents::digits;
+use fdm_results::documents::{digits, with_run};
 
 /// Rows of the table of the history.
 const ROWS: usize = 12;
 
 fn name(p: &RecursiveParameter) -> String {
-    called(&p.name, p.run.as_deref())
+    with_run(&p.name, p.run.as_deref())
 }
 
 /// The parameters of the chosen iterate beside the last ones and those of plain least squares, the errors of each, and the history.

@@ -4,12 +4,12 @@
 use super::section::{Part, Rows, Section, Trust, Verdict};
 use crate::page::figure::{Figure, Look, Mark, Panel, Shape};
 use crate::page::number::bracketed;
-use crate::page::subject::{Subject, called};
+use crate::page::subject::Subject;
 use crate::text;
 use fdm_estimate::equation_error::{
     Chosen, Component, Dependence, EquationErrorFit, EquationQuality, Regressed, Structure,
 };
-use fdm_results::documents::{KeptParameter, RegressionDocument, digits};
+use fdm_results::documents::{KeptParameter, RegressionDocument, digits, with_run};
 
 /// A rate of which less is explained is named.
 const LITTLE: f64 = 0.5;
@@ -71,7 +71,7 @@ fn depending(at: &str, rows: &[Dependence]) -> Vec<Part> {
 }
 
 fn name(p: &Regressed) -> String {
-    called(&p.name, p.run.as_deref())
+    with_run(&p.name, p.run.as_deref())
 }
 
 /// What can be said in a sentence, and what speaks against the estimates.
@@ -280,7 +280,7 @@ fn course(rows: &[Dependence], of: &KeptParameter, id: String, label: &str) -> O
     let error = |k: usize| if coloured[k].is_finite() { coloured[k] } else { errors[k] };
     let edge = |sign: f64| values.iter().enumerate().map(|(k, v)| v + sign * 2.0 * error(k)).collect::<Vec<f64>>();
     Some(
-        Figure::new(id, called(&of.name, of.run.as_deref()), label, rows.iter().map(|row| row.at).collect())
+        Figure::new(id, with_run(&of.name, of.run.as_deref()), label, rows.iter().map(|row| row.at).collect())
             .with(Panel::new(
                 format!("{}{}", of.name, bracketed(of.unit.as_deref())),
                 130,

@@ -7,12 +7,10 @@ use crate::page::number::{probability, shown, unit_of_frequency};
 use crate::page::subject::Subject;
 use crate::text;
 use fdm_estimate::residuals::{InputCorrelation, OutputQuality, TicParts, Whiteness};
-use fdm_results::documents::{OutputDocument, digits, fixed};
+use fdm_results::documents::{OFFSET, OutputDocument, digits, fixed};
 
 /// Outputs whose figures stand open.
 const OPEN: usize = 4;
-/// Part of the mean square residual that makes an offset stand out.
-const OFFSET: f64 = 0.2;
 
 /// One row for each output of each run: size of the residual, what it consists of, and where that was asked the p-value of its whiteness.
 ///

@@ -3,11 +3,10 @@
 use super::section::{Cell, Part, Report, Rows, Section, Trust, Verdict, capital, sentence};
 use crate::page::figure::{Figure, Look, Mark, Panel, Shape};
 use crate::page::number::bracketed;
-use crate::page::subject::called;
 use crate::page::thinning::Kept;
 use crate::{html, text};
 use fdm_results::documents::sample::{ArvizDocument, PredictiveBand, SampleDocument, SampledParameter};
-use fdm_results::documents::{digits, digits_by_error, digits_of_end};
+use fdm_results::documents::{digits, digits_by_error, digits_of_end, with_run};
 
 /// Parameters whose traces are drawn, and bands of outputs.
 const DRAWN: usize = 12;
@@ -63,9 +62,7 @@ fn parameters(found: &SampleDocument) -> Section {
     let count = |v: Option<f64>| v.map_or("-".into(), |v| format!("{v:.0}"));
     let mut table = Rows::over(&found.parameters);
     table.name("parameter", |p| p.name.clone());
-    if found.parameters.iter().any(|p| p.run.is_some()) {
-        table.words("run", |p| p.run.clone().unwrap_or_default());
-    }
+    table.runs(|p| p.run.as_deref());
     table.number("mean", |p| shown(p, p.mean));
     table.number("deviation", |p| digits(p.deviation, 3));
     table.number("2.5 %", |p| digits_of_end(p.interval[0], p.deviation));
@@ -144,7 +141,7 @@ fn trace(k: usize, p: &SampledParameter, chains: &[Vec<f64>]) -> Figure {
     let line = |(c, chain): (usize, &&[f64])| {
         Mark::line(&format!("chain {}", c + 1), look(c), kept.indices().iter().map(|k| chain[*k]).collect())
     };
-    let name = called(&p.name, p.run.as_deref());
+    let name = with_run(&p.name, p.run.as_deref());
     Figure::new(
         format!("trace-{}", k + 1),
         format!("{name}: trace"),
@@ -178,7 +175,7 @@ fn ranks(k: usize, p: &SampledParameter, chains: &[Vec<f64>]) -> Figure {
     marks.push(Mark::line("equal", Look::Measured, vec![1.0; COLUMNS]));
     Figure::new(
         format!("ranks-{}", k + 1),
-        format!("{}: ranks", called(&p.name, p.run.as_deref())),
+        format!("{}: ranks", with_run(&p.name, p.run.as_deref())),
         "rank among all draws [%]",
         (0..COLUMNS).map(|c| (c as f64 + 0.5) * 100.0 / COLUMNS as f64).collect(),
     )

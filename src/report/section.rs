@@ -6,7 +6,7 @@
 use crate::page::figure::Figure;
 use maud::Markup;
 
-/// A result as it is told.
+/// A result as it is reported.
 #[derive(Debug)]
 pub(crate) struct Report {
     /// What it is about, in a word or two.
@@ -195,7 +195,7 @@ pub(crate) struct Table {
 #[derive(Debug)]
 pub(crate) struct Column {
     pub(crate) title: String,
-    /// What a reader of a page is told who points at the title.
+    /// What a page shows to a reader who points at the title.
     pub(crate) hint: &'static str,
     pub(crate) kind: Kind,
     /// None where it stands in both.
@@ -276,11 +276,6 @@ impl<R> Rows<R> {
         Self { rows, table }
     }
 
-    /// The things, one a row.
-    pub(crate) fn iter(&self) -> std::slice::Iter<'_, R> {
-        self.rows.iter()
-    }
-
     fn column<C: Into<Cell>>(&mut self, kind: Kind, title: &str, cell: impl FnMut(&R) -> C) -> &mut Column {
         let cells = self.rows.iter().map(cell).map(Into::into).collect();
         self.table.columns.push(Column { title: title.into(), hint: "", kind, only: None, cells });
@@ -290,6 +285,13 @@ impl<R> Rows<R> {
 
     pub(crate) fn name<C: Into<Cell>>(&mut self, title: &str, cell: impl FnMut(&R) -> C) -> &mut Column {
         self.column(Kind::Name, title, cell)
+    }
+
+    /// The runs that rows belong to, where any does.
+    pub(crate) fn runs(&mut self, run: impl Fn(&R) -> Option<&str>) {
+        if self.rows.iter().any(|row| run(row).is_some()) {
+            self.words("run", |row| run(row).unwrap_or_default().to_string());
+        }
     }
 
     pub(crate) fn label<C: Into<Cell>>(&mut self, title: &str, cell: impl FnMut(&R) -> C) -> &mut Column {

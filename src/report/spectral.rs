@@ -1,6 +1,6 @@
 //! A fit in the frequency domain: what was compared, how well spectra and time histories are matched, and the spectra themselves.
 
-use super::fit::{Detail, closed, said};
+use super::fit::{Detail, closed, remark_lines};
 use super::fitted_responses;
 use super::section::{Part, Section};
 use crate::page::figure::Panel;
@@ -33,7 +33,7 @@ pub fn spectral_table(fit: &SpectralFit, detail: Detail) -> String {
         .then(|| format!("({} end values of states in all runs were found with them)", fit.ends.len()));
     let outputs: Vec<OutputDocument> = fit.estimate.outputs.iter().map(OutputDocument::from).collect();
     let spectra = (!outputs.is_empty()).then(|| residuals::table(&outputs).below("spectra, real and imaginary parts"));
-    let mut last = said(&spectral_remarks(fit), detail);
+    let mut last = remark_lines(&spectral_remarks(fit), detail);
     if !fit.dependent.is_empty() {
         last.push(Part::Line(format!(
             "the residuals of {} depend on each other linearly, so that their covariance S is singular: leave one of them out \

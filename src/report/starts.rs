@@ -7,7 +7,7 @@ use crate::text;
 use fdm_grammar::model::Param;
 use fdm_results::documents::{StartDocument, Terminated, digits};
 
-/// Costs that are closer to the best than this are drawn here: no data tell them apart.
+/// Costs that are closer to the best than this are drawn here: no data distinguish them.
 const SAME: f64 = 1e-3;
 /// Starts shown; of more the best.
 const SHOWN: usize = 20;
@@ -118,7 +118,7 @@ pub(crate) fn figure(starts: &[StartDocument]) -> Option<Figure> {
     let those = |wanted: fn(&StartDocument) -> bool| -> Vec<f64> {
         order.iter().zip(&above).map(|(s, v)| if wanted(s) { *v } else { f64::NAN }).collect()
     };
-    // while starts are at work nobody has told their minima apart
+    // while starts are at work their minima are not known
     let known = order.iter().any(|s| s.minimum.is_some());
     let marks = match known {
         true => vec![

@@ -140,9 +140,7 @@ fn parameters(study: &Study) -> Rows<(usize, &Coverage)> {
         });
     }
     table.name("parameter", |(_, p)| p.subject.name.clone());
-    if study.parameters.iter().any(|p| p.subject.run.is_some()) {
-        table.words("run", |(_, p)| p.subject.run.clone().unwrap_or_default());
-    }
+    table.runs(|(_, p)| p.subject.run.as_deref());
     table.words("unit", |(_, p)| p.subject.unit.clone().unwrap_or_default()).on_page();
     let settled = |p: &Coverage, v: f64| digits(v, digits_by_error(p.subject.truth, p.scatter, 3).unwrap_or(5));
     let finite = |v: f64, text: String| if v.is_finite() { text } else { String::new() };

@@ -137,7 +137,7 @@ fn figure(k: usize, table: &TableEstimate) -> Option<Figure> {
             ]
         }
         [second] => {
-            // few enough to be told apart
+            // few enough to be distinguished
             let step = second.axis.len().div_ceil(LOOKS.len());
             let line = |(mark, j): (usize, usize)| {
                 let values = table.nodes[j..].iter().step_by(second.axis.len()).map(|n| number(n.value)).collect();

@@ -8,8 +8,6 @@ use fdm_results::documents::{BandCoverage, OutputDocument, Validation, digits, f
 
 /// Below this part within its 95 % band a measurement is not predicted as well as the fit says.
 const TOO_FEW: f64 = 0.85;
-/// Residuals count as coloured below this p-value, as in [`Whiteness::is_white`](fdm_estimate::residuals::Whiteness::is_white).
-const SIGNIFICANT: f64 = 0.01;
 /// Parts of a run whose errors stand beside each other.
 const PARTS: usize = 5;
 
@@ -126,10 +124,10 @@ fn by_frequency<'a>(errors: &'a [LackOfFit], time: &str) -> Rows<(&'a LackOfFit,
 
 /// What the portmanteau test says.
 fn colour(white: Option<&Whiteness>) -> String {
-    match white.map(|w| w.p_value).filter(|p| p.is_finite()) {
+    match white.filter(|w| w.p_value.is_finite()) {
         None => "not tested".into(),
-        Some(p) if p < SIGNIFICANT => format!("coloured (p {p:.0e})"),
-        Some(p) => format!("white (p {p:.2})"),
+        Some(w) if w.is_white() => format!("white (p {:.2})", w.p_value),
+        Some(w) => format!("coloured (p {:.0e})", w.p_value),
     }
 }
 

@@ -28,7 +28,7 @@ pub(crate) fn doc(subject: &Subject) -> Option<&str> {
 /// The headline with what speaks for and against the result.
 pub(crate) fn verdict(subject: &Subject) -> Verdict {
     let mut verdict = match &subject.content {
-        Content::AtWork(told, silent) => progress::verdict(told, *silent),
+        Content::AtWork(report, silent) => progress::verdict(report, *silent),
         Content::Diagnosis(found) => diagnosis::verdict(found),
         Content::Result(ResultDocument::Regression(found)) => regression::verdict(found),
         Content::Result(ResultDocument::Fit(fit)) => {

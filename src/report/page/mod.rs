@@ -2,8 +2,8 @@
 //!
 //! **In** the files of a result, from its folder or from memory. **Out** the text of an HTML file that asks for no other. **Never** computes
 //! what a reader would quote: numbers come from the files, the page chooses places, colours and digits. Whatever a record, a name or a
-//! file says is text. **Start** at [`Subject::from_files`] and [`page`]; `document` puts the sections in their order, each in a file of its
-//! own; `figure` (what is drawn) -> `drawing` (as SVG, for readers without scripts and for paper) -> `raster` (as pixels), and `figure.js`
+//! file says is text. **Start** at [`Subject::from_files`] and [`page`]; `document` puts the sections of the topics in their order.
+//! `figure` (what is drawn) -> `drawing` (as SVG, for readers without scripts and for paper) -> `raster` (as pixels), and `figure.js`
 //! (zoom, crosshair); `picture` is a drawing without axes that could be moved.
 
 pub(crate) mod document;

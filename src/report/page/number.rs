@@ -19,7 +19,7 @@ pub(crate) fn written(v: f64) -> String {
     short.replace('-', "\u{2212}")
 }
 
-/// A probability; below what a table of the distribution can tell, its bound.
+/// A probability; small ones by their bound.
 pub(crate) fn probability(value: impl Into<Option<f64>>) -> String {
     match value.into().filter(|p| p.is_finite()) {
         None => "–".into(),

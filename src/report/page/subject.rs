@@ -41,7 +41,7 @@ pub(crate) enum Content {
     Result(ResultDocument),
     /// A diagnosis.
     Diagnosis(Box<DiagnosisDocument>),
-    /// Work that goes on, and the seconds since it was told, where that is longer than it should be.
+    /// Work that goes on, and the seconds since it was reported, where that is longer than it should be.
     AtWork(Box<ProgressDocument>, Option<f64>),
 }
 
@@ -90,18 +90,18 @@ impl Subject {
         Ok(Self { content: found, extended, runs, repeats, spectra, source, tree, manifest: Some(manifest) })
     }
 
-    /// From what is told of work that goes on; `silent` are the seconds since it was told, where that is longer than it should be.
+    /// From the report of work that goes on; `silent` are the seconds since then, where that is longer than it should be.
     ///
     /// # Errors
     /// [`SubjectError`] when the text is something else.
     pub fn from_progress(text: &str, silent: Option<f64>) -> Result<Self, SubjectError> {
-        let told = from_text(text).ok().filter(ProgressDocument::is_ours);
-        let told = told.ok_or_else(|| SubjectError { file: "progress".into() })?;
-        let source = Source::new(told.manifest.model_file.as_str(), told.model_text.as_str());
+        let report = from_text(text).ok().filter(ProgressDocument::is_ours);
+        let report = report.ok_or_else(|| SubjectError { file: "progress".into() })?;
+        let source = Source::new(report.manifest.model_file.as_str(), report.model_text.as_str());
         let tree = parse(&source).ok();
         Ok(Self {
             manifest: None,
-            content: Content::AtWork(Box::new(told), silent),
+            content: Content::AtWork(Box::new(report), silent),
             extended: None,
             runs: Vec::new(),
             repeats: None,
@@ -116,7 +116,7 @@ impl Subject {
         match &self.content {
             Content::Result(result) => result.model(),
             Content::Diagnosis(_) => self.manifest.as_ref().map_or("model", |m| &m.model),
-            Content::AtWork(told, _) => &told.result.model,
+            Content::AtWork(report, _) => &report.result.model,
         }
     }
 
@@ -158,7 +158,7 @@ impl Subject {
     /// The study, where it is one, or work on one.
     pub(crate) fn study(&self) -> Option<&Study> {
         match &self.content {
-            Content::AtWork(told, _) => told.result.study.as_ref(),
+            Content::AtWork(report, _) => report.result.study.as_ref(),
             _ => self.fit()?.study.as_ref(),
         }
     }
@@ -184,8 +184,8 @@ impl Subject {
             Content::Result(ResultDocument::Fit(fit)) => fit.parameters.clone(),
             Content::Result(ResultDocument::Regression(all)) => all.parameters.iter().map(plain).collect(),
             Content::Diagnosis(_) => Vec::new(),
-            Content::AtWork(told, _) => {
-                let kept = told.result.parameters.iter().map(|p| KeptParameter {
+            Content::AtWork(report, _) => {
+                let kept = report.result.parameters.iter().map(|p| KeptParameter {
                     name: p.name.clone(),
                     run: p.run.clone(),
                     value: p.value,
@@ -212,7 +212,7 @@ impl Subject {
     /// The iteration.
     pub(crate) fn history(&self) -> &[Iteration] {
         match &self.content {
-            Content::AtWork(told, _) => &told.result.history,
+            Content::AtWork(report, _) => &report.result.history,
             _ => self.fit().map_or(&[], |fit| &fit.history),
         }
     }
@@ -220,7 +220,7 @@ impl Subject {
     /// What came of the starts that have ended.
     pub(crate) fn starts(&self) -> &[StartDocument] {
         match &self.content {
-            Content::AtWork(told, _) => told.result.starts.as_deref().unwrap_or_default(),
+            Content::AtWork(report, _) => report.result.starts.as_deref().unwrap_or_default(),
             _ => self.fit().map_or(&[], FitDocument::starts),
         }
     }
@@ -232,9 +232,4 @@ impl Subject {
             _ => None,
         }
     }
-}
-
-/// A name, and the run that it belongs to where there is one.
-pub(crate) fn called(name: &str, run: Option<&str>) -> String {
-    run.map_or_else(|| name.to_string(), |run| format!("{name} ({run})"))
 }

@@ -61,6 +61,7 @@ pub use regression::{
     Iterates, RecursiveDocument, RecursiveValue, RefusalDocument, RegressionDocument, SimulatedError, StructureDocument,
 };
 pub use remarks::{
-    About, Remark, estimate_remarks, fit_remarks, limit_within_bounds, residual_remarks, spectral_remarks,
+    About, CORRELATED, OFFSET, RELIABLE, Remark, estimate_remarks, fit_remarks, limit_within_bounds, residual_remarks,
+    spectral_remarks, with_run,
 };
 pub use result::{KeptParameter, ResultDocument};

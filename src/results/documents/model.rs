@@ -306,6 +306,6 @@ pub struct Diverged {
     pub time: f64,
     /// Before which sample.
     pub sample: usize,
-    /// Which state, where that can be told.
+    /// Which state, where that is known.
     pub state: Option<String>,
 }
