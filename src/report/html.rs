@@ -95,7 +95,7 @@ fn sign(trust: Trust) -> &'static str {
 
 /// What stands between backticks is a name.
 fn quoted(sentence: &str) -> Markup {
-    html! { @for (k, part) in sentence.split('`').enumerate() { @if k % 2 == 1 { code { (part) } } @else { (part) } } }
+    html! { @for (k, part) in sentence.split('`').enumerate() { @if k % 2 == 1 { code { (part) } } @else { (typeset(part)) } } }
 }
 
 fn parts(all: &[Part]) -> Markup {
@@ -155,12 +155,21 @@ fn more(cell: &Cell) -> Markup {
     html! { @if let Some(markup) = &cell.markup { (markup) } }
 }
 
-/// A number with its own signs; a longer dash where there is none.
+/// Numbers with their own signs; a dash between two of them, and where there is none.
 fn number(text: &str) -> String {
-    match text {
-        "-" => "–".into(),
-        text => typeset(text).replace('-', "\u{2212}"),
+    if text == "-" {
+        return "–".into();
     }
+    let mut last = ' ';
+    let sign = |c: char| {
+        let before = std::mem::replace(&mut last, c);
+        match c {
+            '-' if before.is_ascii_digit() => '–',
+            '-' => '\u{2212}',
+            c => c,
+        }
+    };
+    typeset(text).chars().map(sign).collect()
 }
 
 /// Signs that terminals do without.
@@ -199,6 +208,12 @@ mod tests {
         assert_eq!(base64(b"any carnal pleas"), "YW55IGNhcm5hbCBwbGVhcw==");
         assert_eq!(base64(b"any carnal pleasu"), "YW55IGNhcm5hbCBwbGVhc3U=");
         assert_eq!(base64(b"any carnal pleasur"), "YW55IGNhcm5hbCBwbGVhc3Vy");
+    }
+
+    #[test]
+    fn numbers_have_signs_and_ranges_dashes() {
+        let shown = ["-", "-1.5e-7", "94.1 (-3.0-99.5)", "-2 +- 1"].map(number);
+        assert_eq!(shown, ["–", "−1.5e−7", "94.1 (−3.0–99.5)", "−2 ± 1"]);
     }
 
     #[test]

@@ -20,8 +20,8 @@ pub fn outcome_table(outcome: &Outcome) -> String {
     }
     table.words("expected", |check| check.expected.clone());
     table.words("got", |check| check.got.clone());
-    table.words("error", |check| check.standard_error.map_or(String::new(), |e| digits(e, 3)));
-    table.words("off", |check| check.off.map_or(String::new(), |z| format!("{z:+.2}")));
+    table.span("error", |check| check.standard_error.map_or(String::new(), |e| digits(e, 3)));
+    table.span("off", |check| check.off.map_or(String::new(), |z| format!("{z:+.2}")));
     table.words("", |check| if check.passed { "ok" } else { "FAILED" });
     text.push_str(&text::table(table));
     let passed = format!("{} as expected", counts(&outcome));

@@ -1,6 +1,7 @@
 //! The parameters: values, errors as numbers and as bars, intervals, what is to be said about each, and where it began.
 
 use super::section::{Cell, Part, Rows, Section};
+use crate::page::number::text as number;
 use crate::page::subject::Subject;
 use fdm_estimate::{ParameterEstimate, Status};
 use fdm_grammar::syntax::StatementKind;
@@ -132,7 +133,7 @@ fn partners(fit: &FitDocument) -> Vec<Vec<String>> {
             let other = covered.get(j).and_then(|k| parameters.get(*k));
             let own = covered.get(i).and_then(|k| found.get_mut(*k));
             if let (Some(list), Some(other)) = (own, other) {
-                list.push(format!("{} {}", with_run(&other.name, other.run.as_deref()), digits(*r, 3)));
+                list.push(format!("{} {}", with_run(&other.name, other.run.as_deref()), number(*r, 3)));
             }
         }
     }

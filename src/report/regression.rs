@@ -61,7 +61,7 @@ fn depending(at: &str, rows: &[Dependence]) -> Vec<Part> {
     let mut table = Rows::over(rows);
     table.words(at, |row| digits(row.at, 3));
     for p in &most.parameters {
-        table.words(&name(p), |row| {
+        table.span(&name(p), |row| {
             let own = row.parameters.iter().find(|own| own.name == p.name && own.run == p.run);
             own.map_or(String::new(), |p| format!("{} +- {}", digits(p.value, 4), digits(p.standard_error, 2)))
         });
@@ -113,8 +113,8 @@ fn regressions(found: &RegressionDocument) -> Section {
     let mut noise = Rows::over(&found.noise);
     noise.name("noise of", |n| n.state.clone());
     noise.words("run", |n| n.run.clone());
-    noise.words("deviation", |n| digits(n.deviation, 3));
-    noise.words("cut-off", |n| digits(n.cutoff, 3));
+    noise.span("deviation", |n| digits(n.deviation, 3));
+    noise.span("cut-off", |n| digits(n.cutoff, 3));
     let noise = (!found.noise.is_empty()).then(|| [noise.into(), Part::Gap]);
     let refused = found.refused.iter().map(|r| format!("left out: {}", r.reason));
     let kept = found.kept.iter().map(|n| format!("`{n}`")).collect::<Vec<_>>().join(", ");
@@ -179,7 +179,7 @@ fn components(fit: &EquationErrorFit) -> Rows<&Component> {
     table.number("R^2", |c| digits(c.r_squared, 5));
     table.number("F", |c| digits(c.total_f, 3));
     for (j, p) in fit.parameters.iter().enumerate() {
-        table.words(&format!("{} +- error (F)", name(p)), |c| {
+        table.span(&format!("{} +- error (F)", name(p)), |c| {
             let (value, error, f) =
                 (digits(c.values[j], 4), digits(c.standard_errors[j], 2), digits(c.partial_f[j], 2));
             format!("{value} +- {error} ({f})")
