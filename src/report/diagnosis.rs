@@ -29,12 +29,8 @@ const MOVED: f64 = 1.0;
 
 /// Sentences and tables.
 pub fn diagnosis_text(found: &DiagnosisDocument) -> String {
-    let unexplained = OutputGain::unexplained(&found.outputs).into_iter().map(|(output, r2)| {
-        let r2 = fixed(Some(r2), 2);
-        format!("The model as it was given explains nothing of {output} (R^2 {r2}): look at its structure and its start values first.\n")
-    });
-    let stopped = is_cut_short(found).then(|| "The search was stopped before its end.\n".into());
-    let head: String = unexplained.chain([format!("{}\n", verdict(found).sentence)]).chain(stopped).collect();
+    let stopped = is_cut_short(found).then(|| "The search was stopped before its end.".into());
+    let head = unexplained(found).chain([verdict(found).sentence]).chain(stopped).map(|said| format!("{said}\n"));
     let all = [
         Some(wrong(found, "")),
         Some(causes(found)),
@@ -46,7 +42,7 @@ pub fn diagnosis_text(found: &DiagnosisDocument) -> String {
         Some(detectable(found)).filter(|_| found.causes.is_empty()),
         Some(ended(found)),
     ];
-    text::below(head, &all.into_iter().flatten().collect::<Vec<_>>())
+    text::below(head.collect(), &all.into_iter().flatten().collect::<Vec<_>>())
 }
 
 /// The sections of a diagnosis.
@@ -81,9 +77,6 @@ pub(crate) fn verdict(found: &DiagnosisDocument) -> Judged {
         (Verdict::NoEffectFound, false) => "No missing effect detected",
     };
     let is_clean = found.verdict == Verdict::NoEffectFound && !found.stopped;
-    let unexplained = OutputGain::unexplained(&found.outputs).into_iter().map(|(output, r2)| {
-        format!("The model as it was given explains nothing of {output} (R² {})", fixed(Some(r2), 2))
-    });
     let causes = found
         .causes
         .iter()
@@ -94,11 +87,19 @@ pub(crate) fn verdict(found: &DiagnosisDocument) -> Judged {
         if is_clean { Trust::Good } else { Trust::Reserved },
         format!("{said} (family-wise p = {}).", chance(found.family_wise_p)),
     )
-    .with_points(unexplained, "gain")
+    .with_points(unexplained(found), "gain")
     .with_points(stopped, "wrong")
     .with_points(causes, "causes")
     .with_points(lacks(found).map(str::to_string), "wrong")
     .with_points(found.residual_analysis.iter().cloned(), "wrong")
+}
+
+/// Outputs of which the model explains nothing: what is found beside such a fit may be about the fit.
+fn unexplained(found: &DiagnosisDocument) -> impl Iterator<Item = String> {
+    OutputGain::unexplained(&found.outputs).into_iter().map(|(output, r2)| {
+        let r2 = fixed(Some(r2), 2);
+        format!("The model as it was given explains nothing of {output} (R^2 {r2}): look at its structure and its start values first.")
+    })
 }
 
 /// Whether the search was stopped after something was found.

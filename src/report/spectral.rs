@@ -11,8 +11,7 @@ use crate::page::table::Table as Columns;
 use crate::parameters;
 use crate::residuals::{self, prediction_table};
 use fdm_estimate::{Fit, SpectralFit, StartingValue, UnobservableMode};
-use fdm_grammar::graph::Signal;
-use fdm_results::documents::{OutputDocument, digits, spectral_remarks};
+use fdm_results::documents::{OutputDocument, digits, spectral_remarks, trim_sentence};
 use fdm_system::linear::{Obtained, Trim};
 use fdm_system::model::Model;
 use std::f64::consts::TAU;
@@ -187,23 +186,7 @@ pub(crate) fn first_values(first: &[StartingValue]) -> Option<String> {
 
 /// Where a model was linearised, when that matters.
 pub(crate) fn trimmed_at(model: &Model, trim: Option<&Trim>) -> Option<String> {
-    let trim = trim.filter(|t| t.obtained != Obtained::NotNeeded)?;
-    let how = match trim.obtained {
-        Obtained::Given => "given by the model",
-        Obtained::Initial => "the initial values",
-        _ => "solved from the equations",
-    };
-    let definition = model.definition();
-    let held = |s: &Signal| match s {
-        Signal::State(k) => definition.states[*k as usize].quantity.name.as_str(),
-        Signal::Input(k) => definition.inputs[*k as usize].quantity.name.as_str(),
-    };
-    let held: Vec<&str> = trim.assumed.iter().map(held).collect();
-    let held = if held.is_empty() { String::new() } else { format!(", {} held", held.join(", ")) };
-    let states = definition.states.iter().zip(&trim.states).map(|(s, v)| (&s.quantity.name, v));
-    let inputs = definition.inputs.iter().zip(&trim.inputs).map(|(i, v)| (&i.quantity.name, v));
-    let values: Vec<String> = states.chain(inputs).map(|(name, v)| format!("{name} = {}", digits(*v, 5))).collect();
-    Some(format!("linearised at the trim ({how}{held}): {}", values.join(", ")))
+    trim.filter(|t| t.obtained != Obtained::NotNeeded).map(|trim| trim_sentence(model, trim))
 }
 
 /// Spectra of a run as columns: frequency, then for each output measured and modelled real and imaginary parts.
