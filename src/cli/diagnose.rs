@@ -196,8 +196,8 @@ impl Arguments {
         (judged, path): (Option<JudgedRecords>, Option<&str>),
         difference: &str,
     ) -> Result<(String, String), Failure> {
-        let json = as_json(&DiagnosisDocument { records: judged, ..DiagnosisDocument::of(found, path) })?;
-        let mut text = diagnosis_text(found);
+        let document = DiagnosisDocument { records: judged, ..DiagnosisDocument::of(found, path) };
+        let (json, mut text) = (as_json(&document)?, diagnosis_text(&document));
         if !difference.is_empty() {
             text.push_str(&format!("\n{difference}"));
         }

@@ -21,7 +21,7 @@ use fdm_estimate::{
 };
 use fdm_lab::job;
 use fdm_report::{
-    Detail, TimeHistory, baseline_table, confidence, filter_table, fit_table, fit_verdict, fitted_response_columns,
+    Detail, TimeHistory, baseline_table, confidence, fit_table, fit_verdict, fitted_response_columns,
     fitted_response_table, hidden_mode, history_table, overlays, prediction_table, spectral_table, spectrum_columns,
     starts_hint, starts_table, way,
 };
@@ -489,8 +489,8 @@ impl Found {
         let e = self.estimate();
         let detail = Detail { intervals: arguments.intervals, verbose };
         let tables = match self {
-            Self::Output(fit) => fit_table(fit, detail),
-            Self::Filter(fit) => filter_table(fit, detail),
+            Self::Output(fit) => fit_table(&FitDocument::of(fit), detail),
+            Self::Filter(fit) => fit_table(&FitDocument::of_filter(fit), detail),
             Self::Spectra(fit) => spectral_table(fit, detail),
             Self::Responses(fit) => fitted_response_table(fit, detail),
         };
@@ -501,15 +501,16 @@ impl Found {
         if let Self::Output(fit) = self
             && !fit.starts.is_empty()
         {
-            text.push_str(&starts_table(&fit.starts, arguments.starts as usize));
+            text.push_str(&starts_table(FitDocument::of(fit).starts(), arguments.starts as usize));
             text.push_str(&format!("{}\n", starts_hint(&fit.model.definition().params)));
         }
         if let Some(fit) = self.in_time().filter(|_| arguments.watch) {
             text.push_str(&format!("\n{}\n", overlays(&histories(fit, runs))));
         }
         if let Self::Output(fit) = self {
-            text.push_str(&confidence(fit));
-            text.push_str(&way(fit));
+            let document = FitDocument::of(fit);
+            text.push_str(&confidence(&document));
+            text.push_str(&way(&document));
         }
         let cost = match self {
             Self::Responses(fit) => fit.cost().map(|c| format!(", average cost {c:.3}")),
@@ -633,7 +634,7 @@ fn has_moved(fit: &Fit) -> bool {
 pub(crate) fn print_so_far(fit: &Fit, output: &Output) -> Ending {
     let e = &fit.estimate;
     let table = || {
-        let table = fit_table(fit, Detail::default());
+        let table = fit_table(&FitDocument::of(fit), Detail::default());
         format!("{}\n\n{table}\n{} after {} iterations\n", title(&fit.model), e.termination, e.iterations)
     };
     output.print(table, || FitDocument::of(fit))?;

@@ -256,7 +256,8 @@ pub(crate) fn estimates(
     options: &RegressionOptions,
 ) -> Result<(String, RegressionDocument, bool), RegressionError> {
     let found = regress(model, runs, options)?;
-    Ok((regression_table(&found), RegressionDocument::of(model.name(), &found), !found.is_undetermined()))
+    let document = RegressionDocument::of(model.name(), &found);
+    Ok((regression_table(&document), document, !found.is_undetermined()))
 }
 
 fn deliver(

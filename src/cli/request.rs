@@ -494,12 +494,12 @@ pub fn diagnose(
     };
     let name = Path::new(model.source().name());
     let changed = found.extended.as_ref().map(|text| difference(model.source().text(), text, name)).unwrap_or_default();
-    let mut text = diagnosis_text(&found);
+    let all: Vec<Record> = records.iter().chain(&validation).cloned().collect();
+    let document = DiagnosisDocument { records: judged(&model, &all), ..DiagnosisDocument::of(&found, None) };
+    let mut text = diagnosis_text(&document);
     if !changed.is_empty() {
         text.push_str(&format!("\n{changed}"));
     }
-    let all: Vec<Record> = records.iter().chain(&validation).cloned().collect();
-    let document = DiagnosisDocument { records: judged(&model, &all), ..DiagnosisDocument::of(&found, None) };
     let json = as_json(&document)?;
     let all: Vec<Run> = runs.iter().chain(&predicted).cloned().collect();
     let noise = options.fit.options.noise.clone();
@@ -668,7 +668,8 @@ pub fn spectra(model: &Model, mut records: Vec<Record>, words: &[String]) -> Res
 /// [`Refusal`]
 pub fn modes(model: &Model) -> Result<Answer, Refusal> {
     let (trim, modes) = modes::modes(model)?;
-    Answer::of(modes_table(model, &trim, &modes, &[]), &ModesDocument::of(model, &trim, &modes, &[]), true)
+    let document = ModesDocument::of(model, &trim, &modes, &[]);
+    Answer::of(modes_table(&document), &document, true)
 }
 
 /// `fdm margins` of a result in memory.

@@ -267,9 +267,10 @@ fn tables(
         csv.push_str(&columns.iter().map(|(_, values)| cell(values[row])).collect::<Vec<_>>().join(","));
     }
     csv.push('\n');
+    let detail = Detail { verbose: true, ..Detail::default() };
     Ok(vec![
         ("study.json".into(), as_json(study)?.into_bytes()),
-        ("fit.txt".into(), fit_table(first, Detail { verbose: true, ..Detail::default() }).into_bytes()),
+        ("fit.txt".into(), fit_table(&FitDocument::of(first), detail).into_bytes()),
         ("repeats.csv".into(), csv.into_bytes()),
     ])
 }
