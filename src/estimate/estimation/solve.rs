@@ -12,13 +12,13 @@ use crate::problem::noise::{Likelihood, Weights};
 use crate::problem::unknowns::Unknowns;
 use crate::problem::{Numbers, Options, Problem, ProblemError, ProblemRun};
 use crate::residuals::NoiseVariation;
-use crate::uncertainty::correction::{Ended, correct};
+use crate::uncertainty::correction::correct;
 use crate::uncertainty::cramer_rao::{CramerRao, conclude};
 use crate::uncertainty::curvature::{Curvature, Curved, Neighbourhood};
 use crate::uncertainty::identifiability::Direction;
 use crate::uncertainty::lost_unknowns::{Lost, Pin};
 use crate::uncertainty::parameters::Statistics;
-use crate::uncertainty::sandwich::{Corrected, Sandwich, Uncorrected};
+use crate::uncertainty::sandwich::{Corrected, Ended, Sandwich, Uncorrected};
 use crate::work::Work;
 use crate::work::termination::Termination;
 use fdm_grammar::model::TableNode;
@@ -207,9 +207,10 @@ impl Posed {
             return Err(Uncorrected::NotAsked);
         }
         work.doing("standard errors for coloured residuals");
-        let Iterated { values, responses, .. } = found;
-        let ended = Ended { values, responses, priors: &self.priors, good: found.is_good() };
-        correct(problem, &Sandwich { unknowns: &self.unknowns, bound }, &ended, work)
+        let noise = bound.noise.as_ref().ok_or(Uncorrected::NoDegreesOfFreedom)?;
+        let sandwich = Sandwich { unknowns: &self.unknowns, bound };
+        let (Iterated { values, responses, .. }, priors) = (found, &self.priors);
+        correct(problem, &Ended { sandwich, noise, values, responses, priors, good: found.is_good() }, work)
     }
 
     /// Intervals that the likelihood contradicts.
