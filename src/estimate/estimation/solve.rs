@@ -1,7 +1,6 @@
 //! The road from a problem to its estimate.
 
 use crate::estimation::estimate::{BiasCorrection, Estimate, ParameterEstimate, Symmetric, matches};
-use crate::estimation::held::with_undetermined_held;
 use crate::estimation::smoothness::{Chosen, SmoothTables, choose};
 use crate::iteration::evaluation::{Evaluator, Failure, RunFailure};
 use crate::iteration::likelihood::{LikelihoodCost, of_parameters, space};
@@ -12,13 +11,13 @@ use crate::problem::noise::{Likelihood, Weights};
 use crate::problem::unknowns::Unknowns;
 use crate::problem::{Numbers, Options, Problem, ProblemError, ProblemRun};
 use crate::residuals::NoiseVariation;
-use crate::uncertainty::correction::{Ended, correct};
+use crate::uncertainty::correction::correct;
 use crate::uncertainty::cramer_rao::{CramerRao, conclude};
 use crate::uncertainty::curvature::{Curvature, Curved, Neighbourhood};
 use crate::uncertainty::identifiability::Direction;
 use crate::uncertainty::lost_unknowns::{Lost, Pin};
 use crate::uncertainty::parameters::Statistics;
-use crate::uncertainty::sandwich::{Corrected, Sandwich, Uncorrected};
+use crate::uncertainty::sandwich::{Corrected, Ended, Sandwich, Uncorrected};
 use crate::work::Work;
 use crate::work::termination::Termination;
 use fdm_grammar::model::TableNode;
@@ -58,6 +57,74 @@ pub fn estimate_from(
 ) -> Result<Estimate, Vec<ProblemError>> {
     let free = solve(problem, options, resume, (&[], None), work)?;
     with_undetermined_held(problem, options, free, work)
+}
+
+/// Rounds in which what is left may turn out not to be determined either.
+const ROUNDS: usize = 3;
+
+/// What a parameter must gain of the logarithm of the likelihood (Akaike 1974).
+const WORTH: f64 = 1.0;
+
+/// The estimate with what the data do not determine held where it began.
+///
+/// A parameter may be known a little at its start and not at all where a long step takes it: a stall that no run visits moves so far
+/// away that the branch before it changes, and with it what all others mean. Such a parameter is held at its start and the others are
+/// fitted anew. That is the result unless what moving it had gained is worth a parameter each in the logarithm of the likelihood
+/// (Akaike 1974); then it is held where it went, so that the errors of the others are those given it.
+///
+/// # Errors
+/// As the estimation itself.
+fn with_undetermined_held(
+    problem: &mut Problem<'_>,
+    options: &Options,
+    free: Solved,
+    work: &Work<'_>,
+) -> Result<Estimate, Vec<ProblemError>> {
+    let mut best = free;
+    let mut pins: Vec<Pin> = Vec::new();
+    // of a bare estimation nobody reads errors, and one that was stopped has no time
+    let worthwhile = |found: &Solved| options.colour && found.estimate.termination.is_good() && work.goes_on();
+    'rounds: for _ in 0..ROUNDS {
+        if !best.lost.iter().any(|l| !l.bound) {
+            break;
+        }
+        // what ran to a bound beside them may have taken their part
+        let of =
+            |bounds: bool| best.lost.iter().filter(move |l| l.moved() && (bounds || !l.bound)).map(|l| l.at(l.start));
+        let mut sets: Vec<Vec<Pin>> = vec![of(true).collect(), of(false).collect()];
+        sets.dedup();
+        for new in sets.into_iter().filter(|new| !new.is_empty()) {
+            if !worthwhile(&best) {
+                break 'rounds;
+            }
+            let with: Vec<Pin> = pins.iter().chain(&new).copied().collect();
+            let held = solve(problem, options, None, (&with, None), &work.quiet())?;
+            let gained = held.estimate.cost.zip(best.estimate.cost).map_or(f64::INFINITY, |(held, free)| held - free);
+            if held.estimate.termination.is_good() && gained <= WORTH * new.len() as f64 {
+                (best, pins) = (merged(held, &best), with);
+                continue 'rounds;
+            }
+        }
+        break;
+    }
+    // what only shows beside all others would take part in their errors
+    let new: Vec<Pin> = best.lost.iter().filter(|l| l.shows).map(|l| l.at(l.value)).collect();
+    if !new.is_empty() && worthwhile(&best) {
+        let with: Vec<Pin> = pins.iter().chain(&new).copied().collect();
+        let values = best.values.clone();
+        let held = solve(problem, options, None, (&with, Some(&values)), &work.quiet())?;
+        if held.estimate.termination.is_good() {
+            best = merged(held, &best);
+        }
+    }
+    Ok(best.estimate)
+}
+
+/// An estimation counts what was done before it.
+fn merged(mut held: Solved, before: &Solved) -> Solved {
+    held.estimate.evaluations.0 += before.estimate.evaluations.0;
+    held.estimate.evaluations.1 += before.estimate.evaluations.1;
+    held
 }
 
 /// An estimate, and what is needed to hold what it does not determine.
@@ -207,9 +274,10 @@ impl Posed {
             return Err(Uncorrected::NotAsked);
         }
         work.doing("standard errors for coloured residuals");
-        let Iterated { values, responses, .. } = found;
-        let ended = Ended { values, responses, priors: &self.priors, good: found.is_good() };
-        correct(problem, &Sandwich { unknowns: &self.unknowns, bound }, &ended, work)
+        let noise = bound.noise.as_ref().ok_or(Uncorrected::NoDegreesOfFreedom)?;
+        let sandwich = Sandwich { unknowns: &self.unknowns, bound };
+        let (Iterated { values, responses, .. }, priors) = (found, &self.priors);
+        correct(problem, &Ended { sandwich, noise, values, responses, priors, good: found.is_good() }, work)
     }
 
     /// Intervals that the likelihood contradicts.
@@ -220,7 +288,7 @@ impl Posed {
         corrected: Option<&Corrected>,
         work: &Work<'_>,
     ) -> Vec<Curved> {
-        let wanted = found.is_good() && work.stopped().is_none();
+        let wanted = found.is_good() && work.goes_on();
         let Some(bound) = found.conclusion.as_ref().filter(|_| wanted) else { return Vec::new() };
         let unknowns = &self.unknowns;
         let logarithmic = |j: usize| problem.params[unknowns.owner(j).1].logarithmic;
