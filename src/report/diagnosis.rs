@@ -3,10 +3,10 @@
 
 use super::section::{Part, Rows, Section, Trust, Verdict as Judged};
 use crate::equations::{Line, lines, shown as set};
+use crate::page::columns::{Column, Columns};
 use crate::page::figure::{Figure, Look, Mark, Panel, Shape};
 use crate::page::number::{bracketed, unit_of_frequency};
 use crate::page::subject::Subject;
-use crate::page::table::{Column, Table as Columns};
 use crate::page::thinning::Kept;
 use crate::text;
 use fdm_discover::{Biased, Cause, CurvePoint, Detectable, FrontModel, LackOfFit, OutputGain, PlaceKind, Verdict};

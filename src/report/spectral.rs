@@ -3,11 +3,11 @@
 use super::fit::{Detail, closed, remark_lines};
 use super::fitted_responses;
 use super::section::{Part, Section};
+use crate::page::columns::Columns;
 use crate::page::figure::Panel;
 use crate::page::figure::{Figure, Look, Mark};
 use crate::page::number::{bracketed, unit_of_frequency};
 use crate::page::subject::Subject;
-use crate::page::table::Table as Columns;
 use crate::parameters;
 use crate::residuals::{self, prediction_table};
 use fdm_estimate::{Fit, SpectralFit, StartingValue, UnobservableMode};
