@@ -189,7 +189,7 @@ fn entrance(kind: PlaceKind) -> &'static str {
     }
 }
 
-/// All of them.
+/// All figures of a diagnosis.
 pub(crate) fn figures(subject: &Subject, found: &DiagnosisDocument) -> Vec<Figure> {
     let time = subject.time();
     let lack_of_fit = found

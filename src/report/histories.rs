@@ -35,7 +35,7 @@ pub(crate) fn section(subject: &Subject) -> Option<Section> {
     Some(Section::drawn("histories", "Time histories", content))
 }
 
-/// All of them, run by run.
+/// All time histories, run by run.
 pub(crate) fn figures(subject: &Subject) -> Vec<Figure> {
     let most = most(subject);
     let runs = subject.runs.iter().enumerate();

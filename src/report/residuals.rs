@@ -77,7 +77,7 @@ pub(crate) fn section(subject: &Subject) -> Option<Section> {
     })
 }
 
-/// All of them, output by output.
+/// All figures of residuals, output by output.
 pub(crate) fn figures(subject: &Subject) -> Vec<Figure> {
     let time = subject.time();
     let tested = subject.outputs().iter().enumerate().filter_map(|(k, o)| Some((k, o, o.white()?)));

@@ -73,7 +73,8 @@ pub(crate) fn sentence(clause: &str) -> String {
 pub(crate) fn capital(sentence: &str) -> String {
     // names of parameters begin sentences too, and stay what they are
     let word = sentence.split(' ').next().unwrap_or_default();
-    let plain = word.chars().all(|c| c.is_ascii_lowercase() || c == ':') && word.len() > 3;
+    let plain = word.chars().all(|c| c.is_ascii_lowercase() || c == ':');
+    let plain = plain && (word.len() > 3 || ["not", "the"].contains(&word));
     let mut letters = sentence.chars();
     match letters.next() {
         Some(first) if plain => first.to_uppercase().chain(letters).collect(),

@@ -1,6 +1,6 @@
 //! Columns of numbers as a result folder keeps them: `name [unit]` above each, nothing where nothing was measured.
 
-/// A table that was read.
+/// The columns that were read.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Columns {
     pub(crate) columns: Vec<Column>,
