@@ -72,7 +72,7 @@ pub(crate) fn section(subject: &Subject) -> Option<Section> {
         Section::new("residuals", "Residuals")
             .with(table(outputs))
             .with_all(predicted.into_iter().flatten())
-            .with(Part::Note(note.into()))
+            .note(note)
             .with_all(figures)
     })
 }

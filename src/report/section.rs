@@ -107,6 +107,27 @@ impl Section {
         self
     }
 
+    pub(crate) fn line(self, said: impl Into<String>) -> Self {
+        self.with(Part::Line(said.into()))
+    }
+
+    pub(crate) fn lines<S: Into<String>>(self, said: impl IntoIterator<Item = S>) -> Self {
+        self.with_all(said.into_iter().map(|said| Part::Line(said.into())))
+    }
+
+    pub(crate) fn note(self, said: impl Into<String>) -> Self {
+        self.with(Part::Note(said.into()))
+    }
+
+    pub(crate) fn notes<S: Into<String>>(self, said: impl IntoIterator<Item = S>) -> Self {
+        self.with_all(said.into_iter().map(|said| Part::Note(said.into())))
+    }
+
+    /// With a note that only readers of a page need.
+    pub(crate) fn explained(self, said: impl Into<String>) -> Self {
+        self.with(Part::Note(said.into()).on_page())
+    }
+
     /// With one part more where there is one, or with several.
     pub(crate) fn with_all<P: Into<Part>>(mut self, parts: impl IntoIterator<Item = P>) -> Self {
         self.parts.extend(parts.into_iter().map(Into::into));

@@ -86,9 +86,9 @@ pub(crate) fn sections(study: &Study, repeats: Option<&Columns>) -> Vec<Section>
     let more = study.parameters.len() - drawn.len();
     let estimates = (!drawn.is_empty()).then(|| {
         Section::new("estimates", "Estimates of the repeats")
-            .with(Part::Line("The deviation of every estimate from the truth, in standard errors of its own repeat, beside the normal distribution.".into()))
+            .line("The deviation of every estimate from the truth, in standard errors of its own repeat, beside the normal distribution.")
             .with(Part::Pair(drawn))
-            .with_all((more > 0).then(|| Part::Note(format!("{more} more are in `repeats.csv`."))))
+            .notes((more > 0).then(|| format!("{more} more are in `repeats.csv`.")))
     });
     let all = [Some(coverages(study)), Some(requirements(study)), estimates, Some(outcomes(study))];
     all.into_iter().flatten().filter(|s| !s.parts.is_empty()).collect()
@@ -123,9 +123,9 @@ fn coverages(study: &Study) -> Section {
     let head = format!("{}{whole} repeats with {noise} noise, seed {}", study.done, study.seed);
     Section::new("coverage", "What intervals are worth")
         .with(Part::Line(head).in_text())
-        .with_all(pooled.chain(worst).map(Part::Line))
+        .lines(pooled.chain(worst))
         .with(parameters(study))
-        .with(Part::Note(note.into()).on_page())
+        .explained(note)
         .with_all([coverage(study), scatter(study)].into_iter().flatten())
 }
 
@@ -219,7 +219,7 @@ fn outcomes(study: &Study) -> Section {
         .with(Part::Markup(table))
         .with_all((!said.is_empty()).then_some(Part::Gap))
         .with_all(said)
-        .with(Part::Note(format!("Seed {}.", study.seed)).on_page())
+        .explained(format!("Seed {}.", study.seed))
 }
 
 /// Parameters with more bias than chance explains.
