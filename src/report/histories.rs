@@ -1,12 +1,11 @@
 //! What was measured beside what the model answers, output by output, with the residual beneath on the same axis.
 
-use super::section::Section;
+use super::section::{Part, Section};
 use crate::page::columns::{Column, Columns};
 use crate::page::figure::{Figure, Look, Mark, Panel, Shape};
 use crate::page::number::{bracketed, shown};
 use crate::page::subject::Subject;
 use crate::page::thinning::Kept;
-use maud::html;
 
 /// Points of all figures together, and of one at least and at most.
 const POINTS: usize = 150_000;
@@ -20,19 +19,12 @@ const PARTS: [&str; 6] = ["model", "residual", "low", "high", "measured_low", "m
 const INPUTS: usize = 6;
 
 pub(crate) fn section(subject: &Subject) -> Option<Section> {
-    if subject.runs.is_empty() {
-        return None;
-    }
     let most = most(subject);
-    let content = html! {
-        @for (k, (run, table)) in subject.runs.iter().enumerate() {
-            details.run open[k < OPEN] {
-                summary { (run) }
-                @for figure in figures_of(subject, k, run, table, most) { (figure.markup()) }
-            }
-        }
-    };
-    Some(Section::drawn("histories", "Time histories", content))
+    let runs = subject.runs.iter().enumerate().map(|(k, (run, table))| {
+        let figures = figures_of(subject, k, run, table, most).into_iter().map(Part::from).collect();
+        Part::Folded { summary: run.clone(), open: k < OPEN, class: "run", parts: figures }
+    });
+    (!subject.runs.is_empty()).then(|| Section::new("histories", "Time histories").with_all(runs))
 }
 
 /// All time histories, run by run.
