@@ -3,10 +3,10 @@
 
 use super::section::{Part, Rows, Section, Trust, Verdict as Judged};
 use crate::equations::{Line, lines, shown as set};
+use crate::page::columns::{Column, Columns};
 use crate::page::figure::{Figure, Look, Mark, Panel, Shape};
 use crate::page::number::{bracketed, unit_of_frequency};
 use crate::page::subject::Subject;
-use crate::page::table::{Column, Table as Columns};
 use crate::page::thinning::Kept;
 use crate::text;
 use fdm_discover::{Biased, Cause, CurvePoint, Detectable, FrontModel, LackOfFit, OutputGain, PlaceKind, Verdict};
@@ -150,7 +150,7 @@ fn wrong(found: &DiagnosisDocument, time: &str) -> Section {
         .with_all(said)
         .with_all(odds)
         .with_all(places)
-        .with_all(laws.chain(found.residual_analysis.iter().cloned()).map(Part::Line))
+        .lines(laws.chain(found.residual_analysis.iter().cloned()))
         .with_all(law.into_iter().flatten())
 }
 
@@ -189,7 +189,7 @@ fn entrance(kind: PlaceKind) -> &'static str {
     }
 }
 
-/// All of them.
+/// All figures of a diagnosis.
 pub(crate) fn figures(subject: &Subject, found: &DiagnosisDocument) -> Vec<Figure> {
     let time = subject.time();
     let lack_of_fit = found
@@ -325,7 +325,7 @@ fn front(found: &DiagnosisDocument) -> Option<Section> {
     });
     let note = "Each model as it is written: fitted once more by plain output error, and simulated. Errors are parts of that of the model \
                 as it was given, the mean over outputs.";
-    let section = Section::new("best-models", "Best models by size").with(Part::Note(note.into()).on_page());
+    let section = Section::new("best-models", "Best models by size").explained(note);
     Some(section.with_all(front_figure(found)).with(table))
 }
 
@@ -421,7 +421,7 @@ fn gained(found: &DiagnosisDocument) -> Section {
     let gains = found.gains.iter().map(|g| {
         format!("{} ({}): log-likelihood gains {:.1} +- {:.1}", g.run, role(g.validation), g.gain, g.deviation)
     });
-    Section::new("gain", "Before and after").with(table).with_all(gains.map(Part::Line))
+    Section::new("gain", "Before and after").with(table).lines(gains)
 }
 
 /// Validation runs stand first.
@@ -533,7 +533,7 @@ fn ended(found: &DiagnosisDocument) -> Section {
     Section::new("search", "The search")
         .with_all(feedback(found))
         .with(Part::Gap)
-        .with_all(said.chain(band).chain(found.notes.iter().cloned()).chain(left_out).map(Part::Line))
+        .lines(said.chain(band).chain(found.notes.iter().cloned()).chain(left_out))
 }
 
 /// Inputs that move with the states, and what that hides.

@@ -22,10 +22,10 @@ pub fn margins_text(margins: &MarginsDocument) -> String {
     });
     let lines: Vec<String> = said.into_iter().take(REMARKS).chain(more).chain(none).collect();
     let requirements = Section::new("requirements", "Requirements")
-        .with_all(std::iter::once(head).chain(verdict(margins)).map(Part::Line))
+        .lines(std::iter::once(head).chain(verdict(margins)))
         .with_all((!margins.requirements.is_empty()).then(|| table(&margins.requirements)))
         .with_all((!lines.is_empty()).then_some(Part::Gap))
-        .with_all(lines.into_iter().map(Part::Line));
+        .lines(lines);
     let modes = (!margins.modes.is_empty()).then(|| {
         let heading = Part::Heading("modes, with 95 % intervals".into());
         [heading, modes_with_intervals(&margins.modes, &margins.time).into()]
@@ -86,8 +86,8 @@ pub(crate) fn section(requirements: &[Assessment]) -> Option<Section> {
     if requirements.iter().any(|r| r.by == Some(By::Draws)) {
         note.push_str(" Where a requirement is not linear in them, interval and probability come from draws.");
     }
-    let section = Section::new("requirements", "Requirements").with(table).with_all(valueless.map(Part::Line));
-    (!requirements.is_empty()).then(|| section.with(Part::Note(note)))
+    let section = Section::new("requirements", "Requirements").with(table).lines(valueless);
+    (!requirements.is_empty()).then(|| section.note(note))
 }
 
 /// The interval as a line, the value as a point, the limits as strokes.

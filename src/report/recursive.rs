@@ -39,10 +39,10 @@ pub fn recursive_table(found: &BestIterate) -> String {
     let section = Section::new("recursion", "Recursive least squares")
         .with(table)
         .with(Part::Gap)
-        .with(Part::Line(chosen))
-        .with_all(simulated(found).into_iter().map(Part::Line))
+        .line(chosen)
+        .lines(simulated(found))
         .with(history(found))
-        .with_all(left_out(&r.refused).chain(not_estimated(&r.kept)).map(Part::Line));
+        .lines(left_out(&r.refused).chain(not_estimated(&r.kept)));
     text::sections(&[section])
 }
 

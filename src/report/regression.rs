@@ -118,7 +118,7 @@ fn regressions(found: &RegressionDocument) -> Section {
     Section::new("regressions", "Regressions")
         .with_all(found.fits.iter().flat_map(fitted))
         .with_all(noise.into_iter().flatten())
-        .with_all(left_out(&found.refused).chain(not_estimated(&found.kept)).map(Part::Line))
+        .lines(left_out(&found.refused).chain(not_estimated(&found.kept)))
 }
 
 /// Equations that are no regressions.
@@ -219,14 +219,14 @@ fn reason(fit: &EquationErrorFit) -> Option<String> {
 pub(crate) fn sections(subject: &Subject) -> Vec<Section> {
     let Some(found) = subject.regression().filter(|found| !found.fits.is_empty()) else { return Vec::new() };
     let note = "Noise of measured states enters the columns of a regression, which draws its estimates towards zero; output error does not suffer from that.";
-    let regressions = regressions(found).with(Part::Note(note.into())).with_all(component_figures(found));
+    let regressions = regressions(found).note(note).with_all(component_figures(found));
     let drawn = dependence_figures(found, &subject.frequency());
     let tables = [("highest", &found.by_cutoff), ("part", &found.by_length)];
     let tables = tables.into_iter().flat_map(|(at, rows)| depending(at, rows.as_deref().unwrap_or_default())).collect();
     let said = "Every estimate, with two standard errors, over the highest frequency and over the part of the records that is used.";
     let dependence = (!drawn.is_empty()).then(|| {
         Section::new("dependence", "Dependence on the data")
-            .with(Part::Line(said.into()))
+            .line(said)
             .with(Part::Pair(drawn))
             .with(Part::folded("as a table", tables))
     });

@@ -3,11 +3,11 @@
 use super::fit::{Detail, closed, remark_lines};
 use super::fitted_responses;
 use super::section::{Part, Section};
+use crate::page::columns::Columns;
 use crate::page::figure::Panel;
 use crate::page::figure::{Figure, Look, Mark};
 use crate::page::number::{bracketed, unit_of_frequency};
 use crate::page::subject::Subject;
-use crate::page::table::Table as Columns;
 use crate::parameters;
 use crate::residuals::{self, prediction_table};
 use fdm_estimate::{Fit, SpectralFit, StartingValue, UnobservableMode};
@@ -45,12 +45,12 @@ pub fn spectral_table(fit: &SpectralFit, detail: Detail) -> String {
         Part::Line(format!("the input {input} has no power in the band of any run; what it moves was not seen"))
     }));
     let section = Section::new("fit", "Fit")
-        .with(Part::Line(band(fit)))
-        .with_all(regressors.map(Part::Line))
-        .with_all(trimmed_at(&fit.model, fit.trim.as_ref()).map(Part::Line))
-        .with_all(first_values(&fit.starting_values).map(Part::Line))
+        .line(band(fit))
+        .lines(regressors)
+        .lines(trimmed_at(&fit.model, fit.trim.as_ref()))
+        .lines(first_values(&fit.starting_values))
         .with(parameters::table(&fit.parameters(), detail.intervals))
-        .with_all(ends.map(Part::Line))
+        .lines(ends)
         .with_all(spectra);
     closed(section, last) + &in_time(fit.finish.as_ref(), fit.unfinished.as_ref())
 }
@@ -78,9 +78,9 @@ pub(crate) fn section(subject: &Subject) -> Option<Section> {
         let more = fit.bode.len().saturating_sub(IN_TIME);
         return Some(
             Section::new("spectra", "Frequency responses")
-                .with(Part::Line(said.into()))
+                .line(said)
                 .with(Part::Pair(figures))
-                .with_all((more > 0).then(|| Part::Note(format!("{more} more pairs are in `result.json`, `bode`.")))),
+                .notes((more > 0).then(|| format!("{more} more pairs are in `result.json`, `bode`."))),
         );
     }
     let section = Section::new("spectra", "Frequency domain");
@@ -88,7 +88,7 @@ pub(crate) fn section(subject: &Subject) -> Option<Section> {
     Some(match responses {
         Some(found) => section.with_all(fitted_responses::parts(found, figures)),
         None => section
-            .with(Part::Note("Magnitudes of the spectra that were compared, and of what is left between them.".into()))
+            .note("Magnitudes of the spectra that were compared, and of what is left between them.")
             .with(Part::Pair(figures)),
     })
 }

@@ -40,7 +40,7 @@ pub(crate) fn section(subject: &Subject) -> Option<Section> {
     };
     let note = "Orange is above zero, blue below; a node without a number was not visited by any run. Pointed at, a node tells its standard error.";
     let section = Section::new("tables", "Tables").with_all(tables.iter().enumerate().flat_map(parts_of));
-    Some(section.with(Part::Note(note.into())))
+    Some(section.note(note))
 }
 
 pub(crate) fn figures(subject: &Subject) -> Vec<Figure> {
