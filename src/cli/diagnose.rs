@@ -5,15 +5,16 @@ use crate::effects::{Chosen, Effects, difference};
 use crate::failure::{Ending, Failure, OrFailure, as_json, ended, remark};
 use crate::halt::{Halt, TimeLimit};
 use crate::load::{Campaign, Estimated, ModelFile, Records, data_files, number};
-use crate::methods::Domain;
+use crate::methods::DOMAINS;
 use crate::options::DiagnosedSpectra;
 use crate::progress::Progress;
 use crate::progress_file::Course;
 use crate::tasks::{Visit, WholeCommand};
+use crate::word::one_of;
 use clap::Args;
 use fdm_discover::screening::ScreeningOptions;
 use fdm_discover::{self as discover, Diagnosis, DiagnosisError, DiagnosisOptions, diagnose_while};
-use fdm_estimate::FitOptions;
+use fdm_estimate::{Domain, FitOptions};
 use fdm_grammar::effect::Catalogue;
 use fdm_lab::job;
 use fdm_report::diagnosis_text;
@@ -51,7 +52,7 @@ pub(crate) struct Arguments {
     most: u16,
     /// Where models are compared with records; `frequency` is for linear models, unstable ones too, and for nonlinear terms
     /// that can be computed from the records
-    #[arg(long, value_name = "time|frequency", value_enum, default_value_t = Domain::Time, help_heading = "Frequency domain", hide_short_help = true)]
+    #[arg(long, value_name = "time|frequency", value_parser = one_of(&DOMAINS), default_value = "time", help_heading = "Frequency domain", hide_short_help = true)]
     domain: Domain,
     #[command(flatten)]
     spectra: DiagnosedSpectra,

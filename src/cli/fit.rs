@@ -6,7 +6,7 @@ use crate::failure::{Ending, Failure, OrFailure, ended, remark};
 use crate::first_cause::ask_doctor;
 use crate::halt::{Halt, TimeLimit};
 use crate::load::{Estimated, MeasurementNoise, ModelFile, Records};
-use crate::methods::{Domain, Method, Methods, Question, StartValues, given};
+use crate::methods::{Methods, Question, given};
 use crate::options::{FrequencyDomain, Integration, Strategies};
 use crate::progress::Progress;
 use crate::progress_file::Course;
@@ -15,9 +15,9 @@ use crate::tasks::{Visit, WholeCommand};
 use clap::Args;
 use fdm_estimate::residuals::Baseline;
 use fdm_estimate::{
-    BestOptions, Changes, CheckpointStore, Estimate, FilterFit, Fit, FitOptions, IntegrationFault, Loss, MultiStart,
-    Noise, ResponseFit, ResponseOptions, SpectralFit, SpectralOptions, Termination, best_iterate, changed, fit_filter,
-    fit_kept, fit_responses, fit_spectra, start_search,
+    BestOptions, Changes, CheckpointStore, Domain, Estimate, FilterFit, Fit, FitOptions, IntegrationFault, Loss,
+    Method, MultiStart, Noise, ResponseFit, ResponseOptions, SpectralFit, SpectralOptions, StartValues, Termination,
+    best_iterate, changed, fit_filter, fit_kept, fit_responses, fit_spectra, start_search,
 };
 use fdm_lab::job;
 use fdm_report::{

@@ -56,6 +56,7 @@ mod terminal;
 mod trust;
 mod validate;
 mod verify;
+mod word;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use std::ffi::OsString;

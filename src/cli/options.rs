@@ -2,9 +2,12 @@
 
 use crate::checkpoint::Checkpoints;
 use crate::load::{band, number};
-use crate::methods::{Start, StartValues, given};
-use clap::{Args, ValueEnum};
-use fdm_estimate::{Changes, Continuation, FitOptions, Nonlinear, Options, ResponseOptions, Shooting, SpectralOptions};
+use crate::methods::{Start, given};
+use crate::word::one_of;
+use clap::Args;
+use fdm_estimate::{
+    Changes, Continuation, FitOptions, Nonlinear, Options, ResponseOptions, Shooting, SpectralOptions, StartValues,
+};
 use fdm_lab::study::Colour;
 use fdm_system::frequency::EndTerms;
 use fdm_system::simulate::{Accuracy, Scheme};
@@ -19,8 +22,8 @@ pub(crate) struct Integration {
     #[arg(long, value_name = "N", allow_negative_numbers = true, hide_short_help = true)]
     steps: Option<NonZeroUsize>,
     /// Integration scheme: `auto` takes Radau for stiff models
-    #[arg(long, value_name = "SCHEME", value_enum, default_value_t, hide_short_help = true)]
-    integrator: Integrator,
+    #[arg(long, value_name = "SCHEME", value_parser = one_of(&INTEGRATORS), default_value = "auto", hide_short_help = true)]
+    integrator: ChosenScheme,
     /// Integration error that is of no consequence, as a part of each output's range [default: 1e-8]
     #[arg(long, value_name = "A", value_parser = accuracy, allow_negative_numbers = true, conflicts_with = "steps", hide_short_help = true)]
     integration_accuracy: Option<f64>,
@@ -32,17 +35,15 @@ fn accuracy(text: &str) -> Result<f64, String> {
     if (1e-13..=1e-3).contains(&value) { Ok(value) } else { Err("expected a part from 1e-13 to 1e-3".into()) }
 }
 
+/// A scheme; none where accuracy and speed choose it. By this name the parser does not take the option for one that may be left out.
+type ChosenScheme = Option<Scheme>;
+
 /// What `--integrator` takes.
-#[derive(Debug, Clone, Copy, Default, ValueEnum)]
-enum Integrator {
-    /// The one that reaches the accuracy with less work
-    #[default]
-    Auto,
-    /// Classical Runge-Kutta, explicit
-    RungeKutta,
-    /// Radau IIA of order 5, implicit, for stiff models
-    Radau,
-}
+const INTEGRATORS: [(&str, ChosenScheme, &str); 3] = [
+    ("auto", None, "The one that reaches the accuracy with less work"),
+    ("runge-kutta", Some(Scheme::RungeKutta), "Classical Runge-Kutta, explicit"),
+    ("radau", Some(Scheme::Radau), "Radau IIA of order 5, implicit, for stiff models"),
+];
 
 /// The integration error that chosen steps keep below, as a part of each output's range.
 const NEGLIGIBLE: f64 = 1e-8;
@@ -50,11 +51,7 @@ const NEGLIGIBLE: f64 = 1e-8;
 impl Integration {
     /// The scheme that was asked for.
     pub(crate) fn scheme(&self) -> Option<Scheme> {
-        match self.integrator {
-            Integrator::Auto => None,
-            Integrator::RungeKutta => Some(Scheme::RungeKutta),
-            Integrator::Radau => Some(Scheme::Radau),
-        }
+        self.integrator
     }
 
     /// The number of steps between samples that was asked for.
@@ -172,34 +169,30 @@ pub(crate) struct Spectra {
     #[arg(long, value_parser = number, value_name = "STEP", requires = "band", allow_negative_numbers = true, hide_short_help = true)]
     df: Option<f64>,
     /// End-point (leakage) corrections [default: free]
-    #[arg(long, value_name = "HOW", value_enum, hide_short_help = true)]
-    end_points: Option<EndPoints>,
+    #[arg(long, value_name = "HOW", value_parser = one_of(&END_POINTS), hide_short_help = true)]
+    end_points: Option<EndTerms>,
     /// Nonlinear terms of a model in the frequency domain [default: auto]
-    #[arg(long, value_name = "HOW", value_enum, hide_short_help = true)]
-    nonlinear: Option<NonlinearTerms>,
+    #[arg(long, value_name = "HOW", value_parser = one_of(&NONLINEAR), hide_short_help = true)]
+    nonlinear: Option<Nonlinear>,
 }
 
-#[derive(Debug, Clone, Copy, Default, ValueEnum)]
-enum EndPoints {
-    /// From the record, where outputs show the states
-    Known,
-    /// Estimated in every run
-    #[default]
-    Free,
-    /// Left out: for records that begin and end at rest
-    None,
-}
+/// What `--end-points` takes.
+static END_POINTS: [(&str, EndTerms, &str); 3] = [
+    ("known", EndTerms::Known, "From the record, where outputs show the states"),
+    ("free", EndTerms::Unknown, "Estimated in every run"),
+    ("none", EndTerms::Omitted, "Left out: for records that begin and end at rest"),
+];
 
-#[derive(Debug, Clone, Copy, Default, ValueEnum)]
-enum NonlinearTerms {
-    /// Measured regressors where the records allow it, else linearised
-    #[default]
-    Auto,
-    /// As measured regressors (pseudo-inputs) computed from the records
-    MeasuredRegressors,
-    /// Linearised at the trim
-    Linearise,
-}
+/// What `--nonlinear` takes.
+const NONLINEAR: [(&str, Nonlinear, &str); 3] = [
+    ("auto", Nonlinear::Auto, "Measured regressors where the records allow it, else linearised"),
+    (
+        "measured-regressors",
+        Nonlinear::MeasuredRegressors,
+        "As measured regressors (pseudo-inputs) computed from the records",
+    ),
+    ("linearise", Nonlinear::Linearised, "Linearised at the trim"),
+];
 
 impl Spectra {
     /// The options that were given.
@@ -227,16 +220,8 @@ impl Spectra {
             changes,
             options,
             frequencies: self.frequencies(),
-            ends: match self.end_points.unwrap_or_default() {
-                EndPoints::Known => EndTerms::Known,
-                EndPoints::Free => EndTerms::Unknown,
-                EndPoints::None => EndTerms::Omitted,
-            },
-            nonlinear: match self.nonlinear.unwrap_or_default() {
-                NonlinearTerms::Auto => Nonlinear::Auto,
-                NonlinearTerms::MeasuredRegressors => Nonlinear::MeasuredRegressors,
-                NonlinearTerms::Linearise => Nonlinear::Linearised,
-            },
+            ends: self.end_points.clone().unwrap_or(EndTerms::Unknown),
+            nonlinear: self.nonlinear.unwrap_or_default(),
             input_noise: Vec::new(),
             regressed: start != Some(StartValues::Model),
             finish: true,
@@ -340,37 +325,21 @@ pub(crate) struct Repeats {
     #[arg(long, value_name = "S", default_value_t = 0, allow_negative_numbers = true)]
     pub(crate) seed: u64,
     /// Colour of the noise in the repeats [default: white; for experiments as they describe it]
-    #[arg(long, value_name = "COLOUR", value_enum, value_delimiter = ',', hide_short_help = true)]
-    noise_colour: Vec<NoiseColour>,
+    #[arg(long, value_name = "COLOUR", value_parser = one_of(&COLOURS), value_delimiter = ',', hide_short_help = true)]
+    pub(crate) noise_colour: Vec<Colour>,
     #[command(flatten)]
     pub(crate) checkpoints: Checkpoints,
 }
 
-/// Colours as they are typed.
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum NoiseColour {
-    /// White noise
-    White,
-    /// As in the residuals: the autoregressive model that corrects the standard errors
-    Fitted,
-    /// AR(1) noise, rho = 0.9
-    Ar1,
-    /// Pink noise: power falls as one over the frequency
-    Pink,
-}
+/// What `--noise-colour` takes.
+const COLOURS: [(&str, Colour, &str); 4] = [
+    ("white", Colour::White, "White noise"),
+    ("fitted", Colour::Fitted, "As in the residuals: the autoregressive model that corrects the standard errors"),
+    ("ar1", Colour::Ar1, "AR(1) noise, rho = 0.9"),
+    ("pink", Colour::Pink, "Pink noise: power falls as one over the frequency"),
+];
 
 impl Repeats {
-    /// The colours that were asked for.
-    pub(crate) fn colours(&self) -> Vec<Colour> {
-        let colour = |tint: &NoiseColour| match tint {
-            NoiseColour::White => Colour::White,
-            NoiseColour::Fitted => Colour::Fitted,
-            NoiseColour::Ar1 => Colour::Ar1,
-            NoiseColour::Pink => Colour::Pink,
-        };
-        self.noise_colour.iter().map(colour).collect()
-    }
-
     /// The options that were given.
     pub(crate) fn given(&self) -> Vec<&'static str> {
         let own = given(&[("--seed", self.seed != 0), ("--noise-colour", !self.noise_colour.is_empty())]);

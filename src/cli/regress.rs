@@ -6,7 +6,8 @@ use crate::failure::{Ending, Failure, OrFailure, ended, remark};
 use crate::halt::{Halt, TimeLimit};
 use crate::load::{Campaign, Estimated, ModelFile, Records, band, number};
 use crate::methods::given;
-use clap::{Args, ValueEnum};
+use crate::word::one_of;
+use clap::Args;
 use fdm_estimate::equation_error::{
     Components, Dependence, Detrend, Domain, Limits, Preprocessing, RecursiveOptions, RegressionError,
     RegressionOptions, Smoothing, by_cutoff, by_length, regress, structure,
@@ -84,8 +85,8 @@ struct Recursive {
     #[arg(long, value_name = "POINTS", hide_short_help = true)]
     polynomial: Option<usize>,
     /// Which iterate is taken [default: simulation]
-    #[arg(long, value_name = "CRITERION", value_enum, hide_short_help = true)]
-    best: Option<Best>,
+    #[arg(long, value_name = "CRITERION", value_parser = one_of(&BEST), hide_short_help = true)]
+    best: Option<Criterion>,
     /// Simulate segments of this length, each from initial values of its own: for unstable vehicles
     #[arg(long, value_parser = number, value_name = "LENGTH", allow_negative_numbers = true, hide_short_help = true)]
     restart: Option<f64>,
@@ -95,15 +96,11 @@ struct Recursive {
 }
 
 /// What `--best` takes.
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum Best {
-    /// The least error of a simulation of the whole record
-    Simulation,
-    /// The least one-step prediction error
-    OneStep,
-    /// The last one
-    Last,
-}
+const BEST: [(&str, Criterion, &str); 3] = [
+    ("simulation", Criterion::Simulation, "The least error of a simulation of the whole record"),
+    ("one-step", Criterion::OneStep, "The least one-step prediction error"),
+    ("last", Criterion::Last, "The last one"),
+];
 
 impl Recursive {
     fn given(&self) -> Vec<&'static str> {
@@ -120,11 +117,7 @@ impl Recursive {
     fn options(&self, detrend: Detrend) -> BestOptions {
         let preprocessing = Preprocessing { cutoff: self.lowpass, detrend, points: self.polynomial };
         let forgetting = self.forgetting.unwrap_or(RecursiveOptions::default().forgetting);
-        let criterion = match self.best {
-            None | Some(Best::Simulation) => Criterion::Simulation,
-            Some(Best::OneStep) => Criterion::OneStep,
-            Some(Best::Last) => Criterion::Last,
-        };
+        let criterion = self.best.unwrap_or_default();
         BestOptions { recursion: RecursiveOptions { forgetting, preprocessing }, criterion, restart: self.restart }
     }
 

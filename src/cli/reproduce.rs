@@ -260,12 +260,12 @@ impl Arguments {
 
     /// The colours of the noise that were asked for; none stands for that of the experiment.
     fn colours(&self) -> Result<Vec<Option<Colour>>, Failure> {
-        match self.repetition.colours() {
+        match &self.repetition.noise_colour {
             none if none.is_empty() => Ok(vec![None]),
             some if some.contains(&Colour::Fitted) => Err(Failure::input([
                 "--noise-colour fitted belongs to `fdm study`: here use white, ar1 or pink, or leave it out for the noise of the experiment",
             ])),
-            some => Ok(some.into_iter().map(Some).collect()),
+            some => Ok(some.iter().copied().map(Some).collect()),
         }
     }
 

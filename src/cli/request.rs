@@ -12,7 +12,6 @@ use crate::failure::{Failure, as_json};
 use crate::fit::{Made, Task};
 use crate::halt::Halt;
 use crate::load::{Records, notes, number_equal_names, read_records, told_apart};
-use crate::methods::{Domain, Method};
 use crate::progress::{Progress, RepeatProgress};
 use crate::progress_file::Course;
 use crate::{
@@ -22,7 +21,7 @@ use crate::{
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Args, Command};
 use fdm_discover::{Diagnosis, DiagnosisError};
-use fdm_estimate::{Estimate, Fit, FitOptions, Iteration, Noise, UnknownName};
+use fdm_estimate::{Domain, Estimate, Fit, FitOptions, Iteration, Method, Noise, UnknownName};
 use fdm_lab::study::{Repeat, StudyError, series};
 use fdm_readers::{Field, Topic};
 use fdm_report::{

@@ -243,7 +243,7 @@ impl Arguments {
     }
 
     pub(crate) fn colour(&self) -> Result<Colour, Failure> {
-        match self.repetition.colours()[..] {
+        match self.repetition.noise_colour[..] {
             [] => Ok(Colour::default()),
             [colour] => Ok(colour),
             _ => Err(Failure::input(["--noise-colour: give one colour; repeat the command for another"])),

@@ -75,7 +75,7 @@ pub use information::{Information, Silence};
 pub use initial::initial_guess;
 pub use input_interpolation::{EstimateMove, InputInterpolation};
 pub use iteration::normal_equations::{NormalEquations, NotFinite};
-pub use method::{Domain, Method, Optimizer, SmoothBy};
+pub use method::{Domain, Method, Optimizer, SmoothBy, StartValues};
 pub use noise::Noise;
 pub use observer::{CheckpointStore, Iteration, Observer, StartSummary, Stop, UnknownName};
 pub use output_error::defect::FitDefect;

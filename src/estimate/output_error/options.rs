@@ -94,7 +94,7 @@ impl Default for FrequencyOptions {
 
 impl FitOptions {
     /// Those of a fit of spectra.
-    pub(crate) fn of_spectra(&self) -> SpectralOptions {
+    pub fn of_spectra(&self) -> SpectralOptions {
         let FrequencyOptions { frequencies, ends, nonlinear, input_noise, regressed, finish, .. } =
             self.frequency.clone();
         let (changes, options) = (self.changes.clone(), self.options.clone());
@@ -102,7 +102,7 @@ impl FitOptions {
     }
 
     /// Those of a fit of frequency responses.
-    pub(crate) fn of_responses(&self) -> ResponseOptions {
+    pub fn of_responses(&self) -> ResponseOptions {
         let FrequencyOptions { frequencies, segments, pairs, coherence, finish, .. } = self.frequency.clone();
         let (changes, options) = (self.changes.clone(), self.options.clone());
         ResponseOptions { changes, options, frequencies, segments, pairs, coherence, finish }
