@@ -1,16 +1,16 @@
 //! The best models of a diagnosis, fitted as they are written: what `fdm compare` averages over where it is given a diagnosis.
 
-use crate::campaign::{RecordFile, Role};
-use crate::effects::{Effects, Sampling, subject_of, with_effects};
 use crate::failure::{Failure, OrFailure, remark};
-use crate::load::{assignment, read_runs};
-use crate::progress::Progress;
-use crate::tasks::said;
 use fdm_discover::EffectAt;
 use fdm_estimate::{Changes, FitOptions, fit};
 use fdm_grammar::effect::Catalogue;
 use fdm_results::documents::{DiagnosisDocument, from_text};
 use fdm_results::store::{Contents, DataFile, Manifest, ResultError, ResultFolder, whole_files};
+use fdm_session::campaign::{RecordFile, Role};
+use fdm_session::effects::{Effects, Sampling, subject_of, with_effects};
+use fdm_session::progress::Progress;
+use fdm_session::records::read_runs;
+use fdm_session::value::assignment;
 use fdm_system::Model;
 use fdm_system::record::{ReadOptions, Run};
 use std::path::{Path, PathBuf};
@@ -169,7 +169,7 @@ impl Diagnosed {
             };
             match found {
                 Ok(found) => results.push(found),
-                Err(e) => remark(format_args!("note: {name} is left out: {}", said(&e))),
+                Err(e) => remark(format_args!("note: {name} is left out: {}", e)),
             }
         }
         Ok(results)

@@ -5,15 +5,15 @@ use crate::deliver::{refuse_standing, write_folder};
 use crate::failure::{Ending, Failure};
 #[cfg(feature = "petab")]
 use crate::failure::{OrFailure, ended};
-use crate::load::ModelOrResult;
-#[cfg(feature = "petab")]
-use crate::simulate::fitted_runs;
 #[cfg(feature = "petab")]
 use fdm_estimate::Noise;
 #[cfg(feature = "petab")]
 use fdm_petab::{Deviation, Record, Unsuited, problem};
 #[cfg(feature = "petab")]
 use fdm_results::documents::FitDocument;
+use fdm_session::load::ModelOrResult;
+#[cfg(feature = "petab")]
+use fdm_session::simulate::fitted_runs;
 #[cfg(feature = "petab")]
 use fdm_system::Model;
 #[cfg(feature = "petab")]

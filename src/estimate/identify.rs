@@ -2,7 +2,7 @@
 //! responses.
 
 use crate::combinations::ignored;
-use crate::equation_error::{self, Regression, RegressionError, RegressionOptions, regress};
+use crate::equation_error::{Regression, RegressionError, regress};
 use crate::estimate::Estimate;
 use crate::filter_error::{FilterError, FilterFit, fit_filter};
 use crate::frequency_responses::{ResponseError, ResponseFit, fit_responses};
@@ -157,12 +157,7 @@ pub fn identify(
         }
         (Method::EquationError, _) => {
             let model = changed(model, &options.changes)?;
-            let domain = match domain {
-                Domain::Time => equation_error::Domain::Time,
-                Domain::Frequency => equation_error::Domain::Frequency(options.frequency.frequencies.clone()),
-            };
-            let how = RegressionOptions { domain, ..options.regression.clone() };
-            let regression = Box::new(regress(&model, runs, &how)?);
+            let regression = Box::new(regress(&model, runs, &options.of_regression())?);
             Ok(Identified::EquationError { model: Box::new(model), regression })
         }
         _ => Err(IdentifyError::Domain { method, domain }),

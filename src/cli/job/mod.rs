@@ -7,8 +7,22 @@ mod run;
 mod status;
 mod work;
 
+use crate::deliver::{Asked, Wanted};
 use crate::failure::Ending;
 use clap::{Args, Subcommand};
+use fdm_session::Verb;
+
+/// A verb that many machines can share.
+pub(crate) trait Shared {
+    /// Its options.
+    fn verb(&self) -> &dyn Verb;
+
+    /// What is wanted of its answer.
+    fn wanted(&self) -> Wanted;
+
+    /// What the command does.
+    fn run(&self, asked: &Asked) -> Ending;
+}
 
 /// What `fdm job` takes.
 #[derive(Debug, Args)]

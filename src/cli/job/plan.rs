@@ -4,12 +4,12 @@ use super::engine::Engine;
 use super::work::{Command, completed, read_job};
 use crate::deliver::Manner;
 use crate::failure::{Ending, Failure, OrFailure, as_json, ended, print, print_lines, remark};
-use crate::progress::Progress;
 use clap::Args;
 use fdm_estimate::CheckpointStore;
 use fdm_lab::job::{Memory, Plan, PlannedCommand};
 use fdm_report::page::duration;
 use fdm_results::store::{program_fingerprint, read_input, write_file};
+use fdm_session::progress::Progress;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -90,7 +90,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         seconds = seconds.or(time);
     }
     progress.finish();
-    if !progress.halt().uninterrupted() {
+    if !progress.uninterrupted() {
         return ended(false);
     }
     let program = program_fingerprint().or_failure()?;
@@ -119,7 +119,7 @@ fn planned(
         }
         (e, _) => e,
     };
-    let command = Command::read(&words).map_err(named)?.finishing(&words, None);
+    let command = Command::read(&words, &words).map_err(named)?;
     let (states, halt) = (Memory::default(), progress.halt());
     let (mut found, mut seconds) = (None, None);
     command

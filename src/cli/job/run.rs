@@ -2,14 +2,13 @@
 
 use super::work::{Command, JobFolder, host, kept, read_plan, refuse_other, unwritten};
 use crate::deliver::Manner;
-use crate::failure::{Ending, Failure, OrFailure, ended, remark};
-use crate::halt::{Halt, TimeLimit};
-use crate::progress::{Progress, counted};
-use crate::tasks::said;
+use crate::failure::{Ending, Failure, OrFailure, ended, remark, report};
 use clap::Args;
 use fdm_lab::job::{Shard, work_off};
 use fdm_results::documents::{ShardAtWork, to_text};
 use fdm_results::store::{ProgressFile, TaskKey, TaskResults, make_folder, write_file};
+use fdm_session::halt::{Halt, TimeLimit};
+use fdm_session::progress::{Progress, counted};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -92,7 +91,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         remark(format_args!("error: {}: results are lost with this program: {e}", job.folder.display()));
     }
     for failure in &failures {
-        failure.report();
+        report(failure);
     }
     if let Some(Failure::Input(_) | Failure::Model(_) | Failure::Records(_)) = failures.first() {
         return Err(Failure::Input(vec!["the tasks above cannot be done".into()]));
@@ -137,7 +136,7 @@ fn work(
     came: &(dyn Fn(u64, Vec<u8>) + Sync),
 ) -> Result<(), Failure> {
     let planned = &job.plan.commands[command as usize];
-    let read = Command::read(&planned.words)?.finishing(&planned.words, None);
+    let read = Command::read(&planned.words, &planned.words)?;
     let states = kept(&job.plan, command as usize, &BTreeMap::new())?;
     read.tasks(&states, halt, &mut |work, identity| {
         refuse_other(&planned.identity, identity, &planned.name)?;
@@ -147,7 +146,7 @@ fn work(
     .map_err(|e| match (e, planned.name.as_str()) {
         (e, "") => e,
         (Failure::Numbers(reason), name) => Failure::Numbers(format!("{name}: {reason}")),
-        (e, name) => Failure::Input(vec![format!("{name}: {}", said(&e))]),
+        (e, name) => Failure::Input(vec![format!("{name}: {}", e)]),
     })
 }
 

@@ -1,7 +1,7 @@
 //! What can be chosen about an output-error fit in the time domain.
 
 use crate::changes::Changes;
-use crate::equation_error::RegressionOptions;
+use crate::equation_error::{self, RegressionOptions};
 use crate::frequency_responses::ResponseOptions;
 use crate::method::{Domain, Method};
 use crate::output_error::loss::Loss;
@@ -106,6 +106,15 @@ impl FitOptions {
         let FrequencyOptions { frequencies, segments, pairs, coherence, finish, .. } = self.frequency.clone();
         let (changes, options) = (self.changes.clone(), self.options.clone());
         ResponseOptions { changes, options, frequencies, segments, pairs, coherence, finish }
+    }
+
+    /// Those of equation error.
+    pub fn of_regression(&self) -> RegressionOptions {
+        let domain = match self.domain {
+            Domain::Time => equation_error::Domain::Time,
+            Domain::Frequency => equation_error::Domain::Frequency(self.frequency.frequencies.clone()),
+        };
+        RegressionOptions { domain, ..self.regression.clone() }
     }
 
     /// These options, but noise that the model declares is known where all variances were to be estimated.

@@ -1,13 +1,11 @@
 //! Groups of options that several commands share: integration, fallback strategies, the frequency domain, Monte Carlo repeats.
 
 use crate::checkpoint::Checkpoints;
-use crate::load::{band, number};
 use crate::methods::{Start, given};
+use crate::value::{band, number};
 use crate::word::one_of;
 use clap::Args;
-use fdm_estimate::{
-    Changes, Continuation, FitOptions, Nonlinear, Options, ResponseOptions, Shooting, SpectralOptions, StartValues,
-};
+use fdm_estimate::{Continuation, FitOptions, FrequencyOptions, Nonlinear, Shooting, SpectralOptions, StartValues};
 use fdm_lab::study::Colour;
 use fdm_system::frequency::EndTerms;
 use fdm_system::simulate::{Accuracy, Scheme};
@@ -17,7 +15,7 @@ use std::num::NonZeroUsize;
 /// How a run is integrated.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Integration")]
-pub(crate) struct Integration {
+pub struct Integration {
     /// Equal integration steps between samples [default: as many as accuracy needs]
     #[arg(long, value_name = "N", allow_negative_numbers = true, hide_short_help = true)]
     steps: Option<NonZeroUsize>,
@@ -50,28 +48,28 @@ const NEGLIGIBLE: f64 = 1e-8;
 
 impl Integration {
     /// The scheme that was asked for.
-    pub(crate) fn scheme(&self) -> Option<Scheme> {
+    pub fn scheme(&self) -> Option<Scheme> {
         self.integrator
     }
 
     /// The number of steps between samples that was asked for.
-    pub(crate) fn per_interval(&self) -> Option<usize> {
+    pub fn per_interval(&self) -> Option<usize> {
         self.steps.map(NonZeroUsize::get)
     }
 
     /// The integration error that was said to be of no consequence.
-    pub(crate) fn accuracy(&self) -> Option<f64> {
+    pub fn accuracy(&self) -> Option<f64> {
         self.integration_accuracy
     }
 
     /// The options of a fit with these among them.
-    pub(crate) fn among(&self, options: FitOptions) -> FitOptions {
+    pub fn among(&self, options: FitOptions) -> FitOptions {
         let (per_interval, scheme, accuracy) = (self.per_interval(), self.scheme(), self.accuracy());
         FitOptions { per_interval, scheme, accuracy, ..options }
     }
 
     /// The options that were given.
-    pub(crate) fn given(&self) -> Vec<&'static str> {
+    pub fn given(&self) -> Vec<&'static str> {
         given(&[
             ("--steps", self.steps.is_some()),
             ("--integration-accuracy", self.integration_accuracy.is_some()),
@@ -81,7 +79,7 @@ impl Integration {
     }
 
     /// Scheme, steps and integration error of a run, in words; a stiff model is called so where the scheme was chosen for it.
-    pub(crate) fn said(&self, accuracy: &Accuracy) -> String {
+    pub fn said(&self, accuracy: &Accuracy) -> String {
         let said = integration(accuracy, self.steps.is_none() && self.scheme().is_none());
         match accuracy.error / NEGLIGIBLE {
             lost if self.steps.is_some() && lost.is_finite() && lost >= 10.0 => {
@@ -93,7 +91,7 @@ impl Integration {
 }
 
 /// Scheme, steps and integration error of a run, in words; `chosen` when the user did not ask for the scheme.
-pub(crate) fn integration(accuracy: &Accuracy, chosen: bool) -> String {
+pub fn integration(accuracy: &Accuracy, chosen: bool) -> String {
     let stiff = if chosen && accuracy.steps.scheme() == Scheme::Radau { " (stiff)" } else { "" };
     let error = match accuracy.error {
         // exact discretisation has none
@@ -107,7 +105,7 @@ pub(crate) fn integration(accuracy: &Accuracy, chosen: bool) -> String {
 /// Fallback strategies for fits that go astray, and checks of their estimates.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Strategy")]
-pub(crate) struct Strategies {
+pub struct Strategies {
     /// Record-length continuation, short records first: `auto` (when the plain fit fails), `never`, a number of equal lengths, or
     /// rising times
     #[arg(
@@ -134,7 +132,7 @@ pub(crate) struct Strategies {
 
 impl Strategies {
     /// The options that were given.
-    pub(crate) fn given(&self) -> Vec<&'static str> {
+    pub fn given(&self) -> Vec<&'static str> {
         given(&[
             ("--continuation", self.continuation != Continuation::default()),
             ("--substitute", !self.substitute.is_empty()),
@@ -145,7 +143,7 @@ impl Strategies {
     }
 
     /// The options of a fit with these among them.
-    pub(crate) fn among(&self, options: FitOptions) -> FitOptions {
+    pub fn among(&self, options: FitOptions) -> FitOptions {
         FitOptions {
             continuation: self.continuation.clone(),
             substitute: self.substitute.clone(),
@@ -160,7 +158,7 @@ impl Strategies {
 /// Frequency bins, and how spectra are fitted.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Frequency domain")]
-pub(crate) struct Spectra {
+pub struct Spectra {
     /// Frequency band from LO to HI, in cycles per unit of time (Hz if that is the second) [default: where the inputs excite the
     /// model]
     #[arg(long, value_name = "LO:HI", value_parser = band, hide_short_help = true)]
@@ -196,7 +194,7 @@ const NONLINEAR: [(&str, Nonlinear, &str); 3] = [
 
 impl Spectra {
     /// The options that were given.
-    pub(crate) fn given(&self) -> Vec<&'static str> {
+    pub fn given(&self) -> Vec<&'static str> {
         given(&[
             ("--band", self.band.is_some()),
             ("--df", self.df.is_some()),
@@ -206,7 +204,7 @@ impl Spectra {
     }
 
     /// The frequencies at which records and model are compared.
-    pub(crate) fn frequencies(&self) -> Frequencies {
+    pub fn frequencies(&self) -> Frequencies {
         match (self.band, self.df) {
             (Some((lowest, highest)), Some(df)) => Frequencies::Band { lowest, highest, spacing: Some(df) },
             (Some((low, high)), None) => Frequencies::Grid { lowest: Some(low), highest: Some(high) },
@@ -214,17 +212,14 @@ impl Spectra {
         }
     }
 
-    /// The options of a fit of spectra with these changes.
-    pub(crate) fn options(&self, changes: Changes, options: Options, start: Option<StartValues>) -> SpectralOptions {
-        SpectralOptions {
-            changes,
-            options,
+    /// What is chosen of the frequency domain, where the iteration begins as it was said.
+    pub fn options(&self, start: Option<StartValues>) -> FrequencyOptions {
+        FrequencyOptions {
             frequencies: self.frequencies(),
             ends: self.end_points.clone().unwrap_or(EndTerms::Unknown),
             nonlinear: self.nonlinear.unwrap_or_default(),
-            input_noise: Vec::new(),
             regressed: start != Some(StartValues::Model),
-            finish: true,
+            ..FrequencyOptions::default()
         }
     }
 }
@@ -232,7 +227,7 @@ impl Spectra {
 /// The frequency domain of `fdm diagnose`: spectra, and where their fits begin.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Frequency domain")]
-pub(crate) struct DiagnosedSpectra {
+pub struct DiagnosedSpectra {
     #[command(flatten)]
     spectra: Spectra,
     #[command(flatten)]
@@ -241,22 +236,23 @@ pub(crate) struct DiagnosedSpectra {
 
 impl DiagnosedSpectra {
     /// The options that were given.
-    pub(crate) fn given(&self) -> Vec<&'static str> {
+    pub fn given(&self) -> Vec<&'static str> {
         self.spectra.given().into_iter().chain(self.start.given()).collect()
     }
 
     /// The options of the fits.
-    pub(crate) fn options(&self) -> SpectralOptions {
-        self.spectra.options(Changes::default(), Options::default(), self.start.typed())
+    pub fn options(&self) -> SpectralOptions {
+        FitOptions { frequency: self.spectra.options(self.start.typed()), ..FitOptions::default() }.of_spectra()
     }
 }
 
 /// Everything that is particular to fits in the frequency domain.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Frequency domain")]
-pub(crate) struct FrequencyDomain {
+pub struct FrequencyDomain {
+    /// The spectra.
     #[command(flatten)]
-    pub(crate) spectra: Spectra,
+    pub spectra: Spectra,
     /// Known noise of a measured input, which biases estimates (errors in variables): the bias is removed, and standard errors
     /// include it; may be given several times
     #[arg(long = "input-noise", value_name = "INPUT=DEVIATION", value_parser = deviation, hide_short_help = true)]
@@ -275,7 +271,7 @@ pub(crate) struct FrequencyDomain {
 
 impl FrequencyDomain {
     /// The options that were given.
-    pub(crate) fn given(&self) -> Vec<&'static str> {
+    pub fn given(&self) -> Vec<&'static str> {
         let own = given(&[
             ("--input-noise", !self.input_noise.is_empty()),
             ("--segments", !self.segments.is_empty()),
@@ -285,22 +281,15 @@ impl FrequencyDomain {
         self.spectra.given().into_iter().chain(own).collect()
     }
 
-    /// The options of a fit of spectra.
-    pub(crate) fn of_spectra(&self, changes: Changes, options: Options, start: Option<StartValues>) -> SpectralOptions {
-        let input_noise = self.input_noise.clone();
-        SpectralOptions { input_noise, ..self.spectra.options(changes, options, start) }
-    }
-
-    /// The options of a fit of frequency responses.
-    pub(crate) fn of_responses(&self, changes: Changes, options: Options) -> ResponseOptions {
-        ResponseOptions {
-            changes,
-            options,
-            frequencies: self.spectra.frequencies(),
+    /// What is chosen of the frequency domain, where the iteration begins as it was said.
+    pub fn options(&self, start: Option<StartValues>) -> FrequencyOptions {
+        let usual = self.spectra.options(start);
+        FrequencyOptions {
+            input_noise: self.input_noise.clone(),
             segments: self.segments.clone(),
             pairs: self.pairs.clone(),
-            coherence: self.coherence.unwrap_or(ResponseOptions::default().coherence),
-            finish: true,
+            coherence: self.coherence.unwrap_or(usual.coherence),
+            ..usual
         }
     }
 }
@@ -320,15 +309,16 @@ fn pair(text: &str) -> Result<(String, String), String> {
 /// The noise of a Monte Carlo study, and where its repeats are kept.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Repeats")]
-pub(crate) struct Repeats {
+pub struct Repeats {
     /// Seed of the noise; the same seed gives the same repeats
     #[arg(long, value_name = "S", default_value_t = 0, allow_negative_numbers = true)]
-    pub(crate) seed: u64,
+    pub seed: u64,
     /// Colour of the noise in the repeats [default: white; for experiments as they describe it]
     #[arg(long, value_name = "COLOUR", value_parser = one_of(&COLOURS), value_delimiter = ',', hide_short_help = true)]
-    pub(crate) noise_colour: Vec<Colour>,
+    pub noise_colour: Vec<Colour>,
+    /// Where the repeats are kept.
     #[command(flatten)]
-    pub(crate) checkpoints: Checkpoints,
+    pub checkpoints: Checkpoints,
 }
 
 /// What `--noise-colour` takes.
@@ -341,7 +331,7 @@ const COLOURS: [(&str, Colour, &str); 4] = [
 
 impl Repeats {
     /// The options that were given.
-    pub(crate) fn given(&self) -> Vec<&'static str> {
+    pub fn given(&self) -> Vec<&'static str> {
         let own = given(&[("--seed", self.seed != 0), ("--noise-colour", !self.noise_colour.is_empty())]);
         [own, self.checkpoints.given()].concat()
     }

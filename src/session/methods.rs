@@ -1,7 +1,7 @@
 //! How model and records are compared: method, domain, optimizer; and the one table of what can be combined.
 
 use crate::failure::Failure;
-use crate::load::number;
+use crate::value::number;
 use crate::word::{one_of, word_of};
 use clap::Args;
 use fdm_estimate::{Domain, Method, Noise, Optimizer, Options, SmoothBy, StartValues, takes_option};
@@ -31,7 +31,7 @@ const METHODS: [(&str, Method, &str); 4] = [
 ];
 
 /// What `--domain` takes.
-pub(crate) const DOMAINS: [(&str, Domain, &str); 2] = [
+pub const DOMAINS: [(&str, Domain, &str); 2] = [
     ("time", Domain::Time, "Samples in time"),
     ("frequency", Domain::Frequency, "Spectra of the records, at their frequency bins"),
 ];
@@ -56,7 +56,7 @@ const STARTS: [(&str, StartValues, &str); 2] = [
 /// Method, domain, optimizer, and the limits of the iteration.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Estimation")]
-pub(crate) struct Methods {
+pub struct Methods {
     /// What is minimised
     #[arg(long, value_name = "METHOD", value_parser = one_of(&METHODS), default_value = "output-error")]
     method: Method,
@@ -100,7 +100,7 @@ fn smooth_by(text: &str) -> Result<SmoothBy, String> {
 
 /// Where the iteration begins.
 #[derive(Debug, Args)]
-pub(crate) struct Start {
+pub struct Start {
     /// Where the iteration begins [default: model; in the frequency domain equation-error]
     #[arg(long, value_name = "START", value_parser = one_of(&STARTS), hide_short_help = true)]
     start_values: Option<StartValues>,
@@ -108,32 +108,35 @@ pub(crate) struct Start {
 
 impl Start {
     /// What was typed.
-    pub(crate) fn typed(&self) -> Option<StartValues> {
+    pub fn typed(&self) -> Option<StartValues> {
         self.start_values
     }
 
     /// The options that were given.
-    pub(crate) fn given(&self) -> Vec<&'static str> {
+    pub fn given(&self) -> Vec<&'static str> {
         given(&[("--start-values", self.start_values.is_some())])
     }
 }
 
 /// The names of those options that were given.
-pub(crate) fn given(options: &[(&'static str, bool)]) -> Vec<&'static str> {
+pub fn given(options: &[(&'static str, bool)]) -> Vec<&'static str> {
     options.iter().filter(|(_, given)| *given).map(|(name, _)| *name).collect()
 }
 
 /// One cell of the table: what is asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Question {
-    pub(crate) method: Method,
-    pub(crate) domain: Domain,
-    pub(crate) optimizer: Optimizer,
+pub struct Question {
+    /// What is minimised.
+    pub method: Method,
+    /// Where model and records are compared.
+    pub domain: Domain,
+    /// How the minimum is found.
+    pub optimizer: Optimizer,
 }
 
 impl Methods {
     /// What is asked for, unless it cannot be combined with itself or with the other options that were given.
-    pub(crate) fn question(&self, others: &[&'static str]) -> Result<Question, Failure> {
+    pub fn question(&self, others: &[&'static str]) -> Result<Question, Failure> {
         let usual = if self.method == Method::FrequencyResponse { Domain::Frequency } else { Domain::Time };
         let question = Question {
             method: self.method,
@@ -154,12 +157,12 @@ impl Methods {
     }
 
     /// Where the iteration begins, when that was said.
-    pub(crate) fn start(&self) -> Option<StartValues> {
+    pub fn start(&self) -> Option<StartValues> {
         self.start.typed()
     }
 
     /// The options of an estimation with this noise.
-    pub(crate) fn options(&self, question: Question, noise: Noise) -> Options {
+    pub fn options(&self, question: Question, noise: Noise) -> Options {
         let optimizer = question.optimizer;
         let (tolerance, gain, total) = (self.tolerance, self.gain, self.iterations);
         let iterations = total.unwrap_or(Options::default().iterations);

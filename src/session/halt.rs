@@ -1,6 +1,5 @@
 //! When work ends before it is done: by an interrupt, or when the time that was given is over.
 
-use crate::failure::remark;
 use clap::Args;
 use fdm_estimate::Stop;
 use std::sync::Arc;
@@ -9,7 +8,7 @@ use std::time::{Duration, Instant};
 
 /// How long a command may work.
 #[derive(Debug, Args)]
-pub(crate) struct TimeLimit {
+pub struct TimeLimit {
     /// Longest time to work, such as 60s, 5m or 1h
     ///
     /// Then the best so far is printed and kept, with exit code 1.
@@ -19,7 +18,7 @@ pub(crate) struct TimeLimit {
 
 impl TimeLimit {
     /// When the time is over, counted from now.
-    pub(crate) fn deadline(&self) -> Option<Instant> {
+    pub fn deadline(&self) -> Option<Instant> {
         // a limit beyond what clocks hold is none
         self.time_limit.and_then(|limit| Instant::now().checked_add(limit))
     }
@@ -43,7 +42,7 @@ fn duration(text: &str) -> Result<Duration, String> {
 
 /// Tells work that it is to end.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Halt {
+pub struct Halt {
     interrupted: Arc<AtomicBool>,
     deadline: Option<Instant>,
     /// Whether anything was told that the time is over.
@@ -52,17 +51,17 @@ pub(crate) struct Halt {
 
 impl Halt {
     /// Ends work when this is set.
-    pub(crate) fn interrupted(&self) -> &Arc<AtomicBool> {
+    pub fn interrupted(&self) -> &Arc<AtomicBool> {
         &self.interrupted
     }
 
     /// Ends work at this time too.
-    pub(crate) fn at(self, deadline: Option<Instant>) -> Self {
+    pub fn at(self, deadline: Option<Instant>) -> Self {
         Self { deadline, ..self }
     }
 
     /// Why work is to end; none while it may go on.
-    pub(crate) fn stop(&self) -> Option<Stop> {
+    pub fn stop(&self) -> Option<Stop> {
         if self.interrupted.load(Ordering::Relaxed) {
             return Some(Stop::Interrupt);
         }
@@ -73,38 +72,30 @@ impl Halt {
         })
     }
 
-    /// Says so where an interrupt has ended work that does not tell it itself; says whether none has.
-    pub(crate) fn uninterrupted(&self) -> bool {
-        let interrupted = self.interrupted.load(Ordering::Relaxed);
-        if interrupted {
-            remark(format_args!("interrupted: the result is the best so far"));
-        }
-        !interrupted
+    /// Whether work was asked to end.
+    pub fn is_interrupted(&self) -> bool {
+        self.interrupted.load(Ordering::Relaxed)
     }
 
     /// Whether work may go on.
-    pub(crate) fn goes_on(&self) -> bool {
+    pub fn goes_on(&self) -> bool {
         self.stop().is_none()
     }
 
     /// Whether there is time for what a result can do without: it ends with the time, and is not told to have run out of it.
-    pub(crate) fn has_time(&self) -> bool {
+    pub fn has_time(&self) -> bool {
         let over = self.deadline.is_some_and(|deadline| Instant::now() >= deadline);
         !over && !self.interrupted.load(Ordering::Relaxed)
     }
 
     /// Whether work was ended by the time limit.
-    pub(crate) fn ran_out_of_time(&self) -> bool {
+    pub fn ran_out_of_time(&self) -> bool {
         self.over.load(Ordering::Relaxed)
     }
 
-    /// Says so where the time limit has ended the work, and what it means for the result; says whether it has not.
-    pub(crate) fn in_time_or(&self, result: &str) -> bool {
-        let over = self.ran_out_of_time();
-        if over {
-            remark(format_args!("stopped by --time-limit: {result}"));
-        }
-        !over
+    /// What is said where the time limit has ended the work: what it means for the result.
+    pub fn late(&self, result: &str) -> Option<String> {
+        self.ran_out_of_time().then(|| format!("stopped by --time-limit: {result}"))
     }
 }
 

@@ -1,13 +1,13 @@
 //! Shows that work is going on: a live line on a terminal, a line every five seconds at most elsewhere, nothing when asked to be quiet.
 //! An interrupt ends a fit after the iteration in hand, and what was reached is printed.
 
-use crate::failure::remark;
 use crate::halt::{Halt, TimeLimit};
 use crate::progress_file::{Course, CourseWriter};
+use crate::session::Session;
+use crate::telling::remark;
 use fdm_estimate::{Iteration, Observer, StartSummary, Stop, UnknownName};
 use fdm_lab::study::{Repeat, Watch};
 use fdm_report::{sparkline, visible};
-use fdm_system::Model;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::IsTerminal;
 use std::ops::ControlFlow;
@@ -57,13 +57,13 @@ fn in_lines(quiet: bool) -> bool {
 }
 
 /// How many of several things have ended and how long the rest will take, on a terminal only.
-pub(crate) fn counted(count: usize, what: &str) -> ProgressBar {
+pub fn counted(count: usize, what: &str) -> ProgressBar {
     let template = format!("{{spinner}} {{pos}} of {{len}} {what} [{{elapsed}}, {{eta}} left] {{msg}}");
     bar(Some(count as u64), count > 1, &template, 200)
 }
 
 /// Watches an estimation.
-pub(crate) struct Progress {
+pub struct Progress {
     bar: ProgressBar,
     lines: bool,
     /// The costs so far, where they are to be watched.
@@ -77,7 +77,7 @@ pub(crate) struct Progress {
 
 impl Progress {
     /// Live on a terminal; `quiet` says nothing at all. An interrupt ends the work after what is in hand.
-    pub(crate) fn new(quiet: bool) -> Self {
+    pub fn new(quiet: bool) -> Self {
         let bar = bar(None, !quiet, "{spinner} {msg} [{elapsed}]", 100);
         let progress =
             Self { bar, lines: in_lines(quiet), costs: None, course: None, halt: Halt::default(), silent: false };
@@ -91,34 +91,40 @@ impl Progress {
     }
 
     /// Shows nothing; writes down how far it is, and ends the work when `halt` says so.
-    pub(crate) fn hidden(halt: Halt, course: Course) -> Self {
+    pub fn hidden(halt: Halt, course: Course) -> Self {
         let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::hidden());
         Self { bar, lines: false, costs: None, course: Some(course), halt, silent: true }
     }
 
     /// Ends the work when the time is over, too.
-    pub(crate) fn within(mut self, limit: &TimeLimit) -> Self {
+    pub fn within(mut self, limit: &TimeLimit) -> Self {
         self.halt = self.halt.at(limit.deadline());
         self
     }
 
     /// Shows how the cost falls.
-    pub(crate) fn watching(mut self, wanted: bool) -> Self {
+    pub fn watching(mut self, wanted: bool) -> Self {
         self.costs = wanted.then(Vec::new);
         self
     }
 
-    /// Writes down beside these folders how far the work on a model is; nothing where there are none.
-    pub(crate) fn follow(&mut self, folders: Vec<PathBuf>, model: &Model) -> (CourseWriter, Course) {
-        let course = Course::default();
-        if !folders.is_empty() {
-            self.course = Some(course.clone());
+    /// Writes down beside these folders how far the work on a session is, as long as the writer lives; nothing where there are none.
+    pub(crate) fn follow(&mut self, folders: Vec<PathBuf>, session: &Session) -> CourseWriter {
+        if folders.is_empty() || self.silent {
+            return CourseWriter::default();
         }
-        (CourseWriter::begin(folders, model, course.clone()), course)
+        let course = Course::default();
+        self.course = Some(course.clone());
+        CourseWriter::begin(folders, session, course)
+    }
+
+    /// Where others read how far it is, where somebody does.
+    pub(crate) fn course(&self) -> Option<&Course> {
+        self.course.as_ref()
     }
 
     /// Says what is being done.
-    pub(crate) fn say(&self, text: &str) {
+    pub fn say(&self, text: &str) {
         if let Some(course) = &self.course {
             course.lock().doing = text.to_string();
         }
@@ -133,23 +139,29 @@ impl Progress {
     }
 
     /// When to end, for work that is not an estimation.
-    pub(crate) fn halt(&self) -> Halt {
+    pub fn halt(&self) -> Halt {
         self.halt.clone()
     }
 
     /// Ends the live line.
-    pub(crate) fn finish(&self) {
+    pub fn finish(&self) {
         self.bar.finish_and_clear();
     }
 
     /// Says so where the time limit has ended the work; says whether it has not.
-    pub(crate) fn in_time(&self) -> bool {
-        self.in_time_or("the result is the best so far")
+    pub fn in_time(&self) -> bool {
+        let late = self.halt.late("the result is the best so far");
+        late.iter().filter(|_| !self.silent).for_each(|said| remark(format_args!("{said}")));
+        late.is_none()
     }
 
-    /// As [`Self::in_time`], with what there is to be said of the result.
-    pub(crate) fn in_time_or(&self, result: &str) -> bool {
-        if self.silent { !self.halt.ran_out_of_time() } else { self.halt.in_time_or(result) }
+    /// Says so where an interrupt has ended work that does not tell it itself; says whether none has.
+    pub fn uninterrupted(&self) -> bool {
+        let interrupted = self.halt.is_interrupted();
+        if interrupted && !self.silent {
+            remark(format_args!("interrupted: the result is the best so far"));
+        }
+        !interrupted
     }
 }
 
@@ -222,7 +234,7 @@ impl Observer for Progress {
 
 /// Watches the repeats of a Monte Carlo study: a bar with the time that is left on a terminal, a line now and then elsewhere. An
 /// interrupt gives up the repeats at work.
-pub(crate) struct RepeatProgress {
+pub struct RepeatProgress {
     bar: ProgressBar,
     lines: bool,
     count: usize,
@@ -232,7 +244,7 @@ pub(crate) struct RepeatProgress {
 
 /// The repeats that have ended, for others to read while the rest is at work.
 #[derive(Clone)]
-pub(crate) struct RepeatsSoFar(Arc<Mutex<Ended>>);
+pub struct RepeatsSoFar(Arc<Mutex<Ended>>);
 
 struct Ended {
     repeats: Vec<Option<Repeat>>,
@@ -246,13 +258,13 @@ impl RepeatsSoFar {
     }
 
     /// How many there are, and of how many.
-    pub(crate) fn counts(&self) -> (usize, usize) {
+    pub fn counts(&self) -> (usize, usize) {
         let ended = self.lock();
         (ended.repeats.iter().flatten().count(), ended.repeats.len())
     }
 
     /// All of them by number, and the seconds that the others will take as far as can be told.
-    pub(crate) fn read(&self) -> (Vec<Option<Repeat>>, Option<f64>) {
+    pub fn read(&self) -> (Vec<Option<Repeat>>, Option<f64>) {
         let ended = self.lock();
         let done = ended.repeats.iter().flatten().count();
         let left = ended.first.filter(|(before, _)| done > *before).map(|(before, since)| {
@@ -264,21 +276,21 @@ impl RepeatsSoFar {
 
 impl RepeatProgress {
     /// Of so many repeats of something that has a name, or none.
-    pub(crate) fn new(name: &str, count: usize, quiet: bool, halt: Halt) -> Self {
+    pub fn new(name: &str, count: usize, quiet: bool, halt: Halt) -> Self {
         let template = "{spinner} {msg} {bar:30} {pos} of {len} repeats [{elapsed}, {eta} left]";
         let bar = bar(Some(count as u64), !quiet, template, 200).with_message(visible(name).into_owned());
         Self { bar, lines: in_lines(quiet), count, so_far: None, halt }
     }
 
     /// Keeps what came of every repeat for others to read.
-    pub(crate) fn remembering(&mut self) -> RepeatsSoFar {
+    pub fn remembering(&mut self) -> RepeatsSoFar {
         let so_far = RepeatsSoFar(Arc::new(Mutex::new(Ended { repeats: vec![None; self.count], first: None })));
         self.so_far = Some(so_far.clone());
         so_far
     }
 
     /// Ends the live line.
-    pub(crate) fn finish(&self) {
+    pub fn finish(&self) {
         self.bar.finish_and_clear();
     }
 
