@@ -39,7 +39,7 @@ pub(crate) fn report(failure: &Failure) -> ExitCode {
         }
         Failure::Astray { said, so_far } => {
             remark(format_args!("error: {said}"));
-            print_answer(so_far);
+            so_far.json.as_ref().map_or_else(|| print(&so_far.text), |json| print_lines(json));
             so_far.remarks.iter().for_each(|r| remark(format_args!("{r}")));
             tell_foreign();
             return ExitCode::from(NUMBERS);

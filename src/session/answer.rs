@@ -1,7 +1,5 @@
 //! What a verb worked out: nothing has to be computed any more to print and to write it.
 
-use crate::checkpoint::OpenCheckpoint;
-use crate::conduct::Conduct;
 use crate::failure::{Failure, as_json};
 use serde::{Deserialize, Serialize};
 
@@ -53,28 +51,5 @@ impl Answer {
     /// The file of this name.
     pub fn file(&self, name: &str) -> Option<&[u8]> {
         self.files.iter().find(|(own, _)| own == name).map(|(_, content)| content.as_slice())
-    }
-
-    /// With what is said where there was too little time.
-    pub(crate) fn in_time(self, conduct: &Conduct) -> Self {
-        self.closed(OpenCheckpoint::None, conduct, "the result is the best so far")
-    }
-
-    /// With what is said where it was interrupted.
-    pub(crate) fn uninterrupted(mut self, conduct: &Conduct) -> Self {
-        if conduct.progress.halt().is_interrupted() {
-            self.closing.push("interrupted: the result is the best so far".into());
-            self.good = false;
-        }
-        self
-    }
-
-    /// With what is said of the checkpoint and of the time, where `late` is what it means for the result that there was too little of it.
-    pub(crate) fn closed(mut self, checkpoint: OpenCheckpoint, conduct: &Conduct, late: &str) -> Self {
-        self.good &= checkpoint.close(&mut self.closing);
-        let late = conduct.progress.halt().late(late);
-        self.good &= late.is_none();
-        self.closing.extend(late);
-        self
     }
 }

@@ -1,6 +1,6 @@
 //! How work is done: how it is watched and stopped, what is wanted of it, and what was done before.
 
-use crate::answer::Wanted;
+use crate::answer::{Answer, Wanted};
 use crate::checkpoint::{Checkpoints, OpenCheckpoint};
 use crate::failure::Failure;
 use crate::halt::{Halt, TimeLimit};
@@ -41,6 +41,30 @@ impl Conduct {
     /// Work that ends when the time is over, too.
     pub fn within(self, limit: &TimeLimit) -> Self {
         Self { progress: self.progress.within(limit), ..self }
+    }
+
+    /// With what is said where the work was stopped, by the time or by an interrupt.
+    pub(crate) fn ended(&self, answer: Answer) -> Answer {
+        let mut answer = self.in_time(answer, "the result is the best so far");
+        if self.progress.halt().is_interrupted() {
+            answer.closing.push("interrupted: the result is the best so far".into());
+            answer.good = false;
+        }
+        answer
+    }
+
+    /// With what is said where there was too little time: `late` is what that means for the result.
+    pub(crate) fn in_time(&self, mut answer: Answer, late: &str) -> Answer {
+        let late = self.progress.halt().late(late);
+        answer.good &= late.is_none();
+        answer.closing.extend(late);
+        answer
+    }
+
+    /// Closes the checkpoint, and says what could not be kept.
+    pub(crate) fn kept(&self, mut answer: Answer, checkpoint: OpenCheckpoint) -> Answer {
+        answer.good &= checkpoint.close(&mut answer.closing);
+        answer
     }
 
     /// Opens the checkpoint, or what was done elsewhere in its place.

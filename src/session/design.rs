@@ -116,7 +116,7 @@ pub fn design(
     };
     let files = found.steps.iter().enumerate().filter_map(one).collect();
     let answer = Answer::of(design_table(&found, model), &found, conduct.wanted)?;
-    Ok(Answer { files, ..answer }.in_time(conduct).uninterrupted(conduct))
+    Ok(conduct.ended(Answer { files, ..answer }))
 }
 
 /// `--between A,B`
@@ -152,7 +152,7 @@ fn between(asked: &Options, conduct: &mut Conduct) -> Result<Answer, Failure> {
     };
     let files: Vec<NamedFile> = found.steps.iter().enumerate().filter_map(one).collect();
     let answer = Answer::of(distinction_table(&found, rivals.first.model), &found, conduct.wanted)?;
-    Ok(Answer { files, ..answer }.in_time(conduct).uninterrupted(conduct))
+    Ok(conduct.ended(Answer { files, ..answer }))
 }
 
 /// The model with fixed what its result had fixed: that is what makes it another one.

@@ -1,6 +1,5 @@
 //! Why a request comes to nothing.
 
-use crate::answer::Answer;
 use fdm_grammar::diagnostic::nearest;
 use fdm_results::store::reason;
 use fdm_system::ModelError;
@@ -31,7 +30,7 @@ pub enum Failure {
         /// What went wrong.
         said: String,
         /// The fit.
-        so_far: Box<Answer>,
+        so_far: SoFar,
     },
     /// The work was stopped before there was anything to give.
     Stopped(String),
@@ -39,6 +38,17 @@ pub enum Failure {
     Strict,
     /// Nothing is wrong with the input, but a file could not be written.
     Unwritten(Unwritten),
+}
+
+/// A fit as far as it came.
+#[derive(Debug)]
+pub struct SoFar {
+    /// Tables and sentences.
+    pub text: String,
+    /// The document as JSON, where it is wanted.
+    pub json: Option<String>,
+    /// What goes to standard error behind the text.
+    pub remarks: Vec<String>,
 }
 
 /// A file that could not be written, and why.

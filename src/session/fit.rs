@@ -3,7 +3,7 @@
 use crate::answer::{Answer, NamedFile};
 use crate::checkpoint::Checkpoints;
 use crate::conduct::Conduct;
-use crate::failure::{Failure, OrFailure};
+use crate::failure::{Failure, OrFailure, SoFar, as_json};
 use crate::first_cause::ask_doctor;
 use crate::halt::TimeLimit;
 use crate::load::{Estimated, ModelFile};
@@ -26,6 +26,7 @@ use fdm_estimate::{
     start_search,
 };
 use fdm_lab::job;
+use fdm_lab::study::StudyError;
 use fdm_report::{
     Detail, TimeHistory, baseline_table, confidence, filter_table, fit_table, fit_verdict, fitted_response_columns,
     fitted_response_table, hidden_mode, history_table, overlays, prediction_table, regression_table, spectral_table,
@@ -139,7 +140,8 @@ pub fn answer(options: &Options, session: &Session, conduct: &mut Conduct) -> Re
         true => "the estimates have converged, but not all that comes after them is there",
         false => "the result is the best so far",
     };
-    Ok(Fitted { found, answer: answer.closed(checkpoint, conduct, late) })
+    let answer = conduct.in_time(conduct.kept(answer, checkpoint), late);
+    Ok(Fitted { found, answer })
 }
 
 impl Verb for Options {
@@ -511,12 +513,12 @@ fn has_moved(fit: &Fit) -> bool {
     strategies.contains(&true) || fit.by_length.len() > 1
 }
 
-/// A fit as far as it came, when the work that it was made for cannot go on from there.
-pub(crate) fn so_far(fit: &Fit, conduct: &Conduct) -> Result<Box<Answer>, Failure> {
+/// What went wrong, and a fit as far as it came, when the work that it was made for cannot go on from there.
+pub(crate) fn astray(error: &StudyError, fit: &Fit, conduct: &Conduct) -> Failure {
     let (e, table) = (&fit.estimate, fit_table(fit, Detail::default()));
     let text = format!("{}\n\n{table}\n{} after {} iterations\n", title(&fit.model), e.termination, e.iterations);
-    let answer = Answer::of(text, &FitDocument::of(fit), conduct.wanted)?;
-    Ok(Box::new(Answer { remarks: remarks(fit, true), good: false, ..answer }))
+    let json = conduct.wanted.json.then(|| as_json(&FitDocument::of(fit)).ok()).flatten();
+    Failure::Astray { said: error.to_string(), so_far: SoFar { text, json, remarks: remarks(fit, true) } }
 }
 
 /// What is said behind a result of output error; `complete` when all starts have ended.

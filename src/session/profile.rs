@@ -4,7 +4,7 @@
 use crate::answer::Answer;
 use crate::conduct::Conduct;
 use crate::failure::{Failure, OrFailure, did_you_mean};
-use crate::fit::{integration_remarks, so_far};
+use crate::fit::{astray, integration_remarks};
 use crate::halt::TimeLimit;
 use crate::load::{Estimated, ModelFile};
 use crate::noise::MeasurementNoise;
@@ -90,7 +90,7 @@ impl Verb for Options {
         let goes_on = move || halt.goes_on();
         let profiler = match Profiler::new(&found, &session.runs, &options, &goes_on) {
             Ok(profiler) => profiler.with_rise(self.rise),
-            Err(e) => return Err(Failure::Astray { said: e.to_string(), so_far: so_far(&found, conduct)? }),
+            Err(e) => return Err(astray(&e, &found, conduct)),
         };
         let names = self.profiled(&found)?;
         conduct.progress.say(&format!("profiling {}", names.join(", ")));
@@ -106,7 +106,7 @@ impl Verb for Options {
         let good = found.is_integrated() && !profiles.iter().any(lost);
         let plot = conduct.wanted.plot.then(|| profile_svg(&profiles));
         let remarks = integration_remarks(&found);
-        Ok(Answer { plot, remarks, good, ..answer }.in_time(conduct))
+        Ok(conduct.in_time(Answer { plot, remarks, good, ..answer }, "the result is the best so far"))
     }
 
     /// The sides of the profiles; `states` keeps the fit.

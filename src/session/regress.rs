@@ -211,7 +211,7 @@ impl Options {
             manifest: session.manifest(Identity::of(model, runs, &options), Noise::Diagonal, conduct.wanted),
         };
         let answer = Answer { good, ..outcome.answer(conduct.wanted)? };
-        Ok(answer.in_time(conduct))
+        Ok(conduct.in_time(answer, "the result is the best so far"))
     }
 
     /// Options that would be ignored are refused, those of the `places` of its result too.

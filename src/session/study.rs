@@ -3,7 +3,7 @@
 use crate::answer::{Answer, NamedFile};
 use crate::conduct::Conduct;
 use crate::failure::{Failure, OrFailure, as_json};
-use crate::fit::{integration_remarks, so_far};
+use crate::fit::{astray, integration_remarks};
 use crate::halt::TimeLimit;
 use crate::load::{Estimated, ModelFile};
 use crate::margins;
@@ -104,9 +104,7 @@ pub fn study(asked: &Options, session: &Session, conduct: &mut Conduct) -> Resul
     let first = first.or_failure()?;
     let bootstrap = match asked.bootstrap(&first, session, &options)? {
         Ok(bootstrap) => bootstrap,
-        Err(e) if e.is_of_numbers() => {
-            return Err(Failure::Astray { said: e.to_string(), so_far: so_far(&first, conduct)? });
-        }
+        Err(e) if e.is_of_numbers() => return Err(astray(&e, &first, conduct)),
         Err(e) => return Err(Failure::input([e])),
     };
     let count = asked.repeats as usize;
@@ -134,7 +132,8 @@ pub fn study(asked: &Options, session: &Session, conduct: &mut Conduct) -> Resul
     };
     let answer = outcome.answer(conduct.wanted)?;
     let good = first.is_integrated() && study.is_whole() && study.converged > 0;
-    let answer = Answer { good, ..answer }.closed(checkpoint, conduct, "the result is the best so far");
+    let answer = conduct.kept(Answer { good, ..answer }, checkpoint);
+    let answer = conduct.in_time(answer, "the result is the best so far");
     Ok(Studied { answer, study, columns })
 }
 

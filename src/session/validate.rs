@@ -127,7 +127,7 @@ pub fn answer(
         manifest,
     };
     let answer = Answer { good: fit.is_good(), ..outcome.answer(conduct.wanted)? };
-    Ok(answer.in_time(conduct))
+    Ok(conduct.in_time(answer, "the result is the best so far"))
 }
 
 /// Where the prediction uses what the fit does not know.
