@@ -1,10 +1,12 @@
 //! Where an answer goes: to the terminal as text or JSON, to a picture, to a folder, to a page.
 
 use crate::failure::{Ending, Failure, OrFailure, Unwritten, at, ended, print, print_lines, remark};
+use crate::job::Shared;
 use clap::Args;
 use fdm_lab::job::Memory;
 use fdm_report::page::{Subject, page};
 use fdm_results::store::{Destination, make_folder, write_file};
+use fdm_session::halt::TimeLimit;
 use fdm_session::tasks::answered;
 pub(crate) use fdm_session::{Answer, NamedFile, Wanted};
 use fdm_session::{Conduct, Session, Verb};
@@ -39,6 +41,11 @@ impl Output {
         Wanted { json: self.json, verbose: self.manner.verbose, ..Wanted::default() }
     }
 
+    /// Work for an answer that is printed.
+    pub(crate) fn conduct(&self, limit: &TimeLimit) -> Conduct {
+        Conduct::shown(self.manner.quiet, self.wanted()).within(limit)
+    }
+
     /// Prints an answer, and what goes to standard error behind it; says whether all was printed.
     pub(crate) fn print(&self, answer: &Answer) -> bool {
         let printed = match answer.json.as_ref().filter(|_| self.json) {
@@ -47,22 +54,6 @@ impl Output {
         };
         answer.remarks.iter().for_each(|r| remark(format_args!("{r}")));
         printed
-    }
-
-    /// Prints an answer and writes what is wanted of it to places; what cannot be written is told. Says whether all went well.
-    pub(crate) fn hand_over<const N: usize>(
-        &self,
-        answer: &Answer,
-        wanted: [(Option<&PathBuf>, Option<&[u8]>); N],
-    ) -> bool {
-        let mut whole = self.print(answer);
-        for (path, content) in wanted.into_iter().filter_map(|(path, content)| path.zip(content)) {
-            if let Err(e) = write(path, content) {
-                remark(format_args!("error: {e}; the result is what is printed"));
-                whole = false;
-            }
-        }
-        close(answer) && whole
     }
 }
 
@@ -124,7 +115,9 @@ impl Default for Asked {
 pub(crate) struct Places<'a> {
     pub(crate) output: &'a Output,
     pub(crate) plot: Option<&'a Path>,
-    pub(crate) whole: &'a Whole,
+    /// The folder, and whether other files in it are replaced.
+    pub(crate) out: Option<(&'a Path, bool)>,
+    pub(crate) report: Option<&'a Path>,
 }
 
 /// Places that were looked at before the work.
@@ -140,13 +133,18 @@ pub(crate) struct Prepared<'a> {
 impl<'a> Places<'a> {
     /// What is wanted of an answer that goes there.
     pub(crate) fn wanted(&self) -> Wanted {
-        Wanted { files: self.whole.any(), plot: self.plot.is_some(), ..self.output.wanted() }
+        let (folder, plot) = (self.out.is_some(), self.plot.is_some());
+        Wanted { files: folder || self.report.is_some(), folder, plot, ..self.output.wanted() }
+    }
+
+    /// Work for an answer that goes there.
+    pub(crate) fn conduct(&self, limit: &TimeLimit) -> Conduct {
+        Conduct::shown(self.output.manner.quiet, self.wanted()).within(limit)
     }
 
     /// Reads what a verb works on. Places that cannot be written are told before the work.
     pub(crate) fn prepare(self, verb: &dyn Verb, asked: &Asked) -> Result<Prepared<'a>, Failure> {
-        let conduct = Conduct::shown(self.output.manner.quiet, self.wanted()).within(verb.given().limit);
-        let conduct = Conduct { done: asked.done.clone(), ..conduct };
+        let conduct = Conduct { done: asked.done.clone(), ..self.conduct(verb.given().limit) };
         let session = verb.session(&conduct)?.of_command(asked.command.clone());
         let names = verb.names(&session);
         self.prepared(conduct, session, &names)
@@ -159,7 +157,8 @@ impl<'a> Places<'a> {
         session: Session,
         names: &[String],
     ) -> Result<Prepared<'a>, Failure> {
-        let destination = self.whole.destination(names)?;
+        let place = |(out, force)| Destination::prepare_for(out, names, force);
+        let destination = self.out.map(place).transpose().or_failure()?;
         conduct.beside = destination.iter().map(|place| place.folder().to_path_buf()).collect();
         Ok(Prepared { places: self, destination, conduct, session })
     }
@@ -171,18 +170,19 @@ impl<'a> Places<'a> {
         prepared.conduct.progress.finish();
         ended(prepared.hand_over(&answer?))
     }
-}
 
-impl Prepared<'_> {
-    /// Prints an answer, then writes what was asked for; what cannot be written is told. Says whether all went well.
-    pub(crate) fn hand_over(&self, answer: &Answer) -> bool {
-        let Places { output, plot, whole } = self.places;
-        let printed = output.print(answer);
-        let drawing = plot.zip(answer.plot.as_ref());
+    /// Prints an answer, then draws and writes its page; what cannot be written is told. Says whether all went well.
+    pub(crate) fn hand_over(self, answer: &Answer) -> bool {
+        self.put(answer, || Ok(()))
+    }
+
+    fn put(self, answer: &Answer, keep: impl FnOnce() -> Result<(), String>) -> bool {
+        let printed = self.output.print(answer);
+        let drawing = self.plot.zip(answer.plot.as_ref());
         let plot = drawing.map_or(Ok(()), |(path, drawing)| write(path, drawing).map_err(|e| e.to_string()));
-        let page = whole.write_page(&answer.files);
-        let folder = self.destination.as_ref().map_or(Ok(()), |place| place.fill(&answer.files));
-        let kept = folder.map_err(|e| e.to_string()).and(page);
+        // the page is made of the same files
+        let page = self.report.map_or(Ok(()), |path| write_page(path, answer));
+        let kept = keep().and(page);
         let failed = [plot.err(), kept.err()];
         let say = |e: &String| remark(format_args!("error: {e}; the result is what is printed"));
         failed.iter().flatten().for_each(say);
@@ -190,37 +190,56 @@ impl Prepared<'_> {
     }
 }
 
-impl Delivery {
-    /// The places of a fit.
+impl Prepared<'_> {
+    /// Prints an answer, then writes what was asked for; what cannot be written is told. Says whether all went well.
+    pub(crate) fn hand_over(&self, answer: &Answer) -> bool {
+        let fill = |place: &Destination| place.fill(&answer.files).map_err(|e| e.to_string());
+        self.places.put(answer, || self.destination.as_ref().map_or(Ok(()), fill))
+    }
+}
+
+/// A verb whose answer goes to all places.
+#[derive(Debug, Args)]
+pub(crate) struct Delivered<O: Args> {
+    #[command(flatten)]
+    pub(crate) options: O,
+    #[command(flatten)]
+    delivery: Delivery,
+}
+
+impl<O: Args> Delivered<O> {
+    /// Where its answer goes.
     pub(crate) fn places(&self) -> Places<'_> {
-        Places { output: &self.output, plot: self.plot.as_deref(), whole: &self.whole }
+        let Delivery { output, plot, whole } = &self.delivery;
+        Places { plot: plot.as_deref(), ..whole.places(output) }
+    }
+}
+
+impl<O: Args + Verb> Shared for Delivered<O> {
+    fn verb(&self) -> &dyn Verb {
+        &self.options
+    }
+
+    fn places(&self) -> Places<'_> {
+        self.places()
     }
 }
 
 impl Whole {
-    /// The options that were given.
-    pub(crate) fn given(&self) -> Vec<&'static str> {
-        let own = [("--out", self.out.is_some()), ("--report", self.report.is_some())];
-        own.into_iter().filter(|(_, given)| *given).map(|(name, _)| name).collect()
+    /// A folder and a page, without a drawing.
+    pub(crate) fn places<'a>(&'a self, output: &'a Output) -> Places<'a> {
+        let out = self.out.as_deref().map(|out| (out, self.force));
+        Places { output, plot: None, out, report: self.report.as_deref() }
     }
+}
 
-    /// Whether it will be asked what the result was made from.
-    fn any(&self) -> bool {
-        self.out.is_some() || self.report.is_some()
-    }
-
-    /// Looks at the folder, where one is wanted, for a result with files of these names.
-    fn destination(&self, names: &[String]) -> Result<Option<Destination>, Failure> {
-        let out = self.out.as_deref();
-        out.map(|out| Destination::prepare_for(out, names, self.force)).transpose().or_failure()
-    }
-
-    /// Writes the page, where it is wanted, from the files of a result.
-    fn write_page(&self, files: &[NamedFile]) -> Result<(), String> {
-        let Some(path) = &self.report else { return Ok(()) };
-        let page = page(&Subject::from_files(files).map_err(|e| e.to_string())?);
-        write(path, page).map_err(|e| e.to_string())
-    }
+/// Writes the page that a verb has made, or that of the files of a result.
+fn write_page(path: &Path, answer: &Answer) -> Result<(), String> {
+    let page = match answer.file("page.html") {
+        Some(made) => made.to_vec(),
+        None => page(&Subject::from_files(&answer.files).map_err(|e| e.to_string())?).into_bytes(),
+    };
+    write(path, page).map_err(|e| e.to_string())
 }
 
 /// Writes a file: all of it, or what stood there before stays.

@@ -3,7 +3,7 @@
 use crate::deliver::{Output, close, standing, write_all};
 use crate::failure::{Ending, Failure, ended};
 use clap::Args;
-use fdm_session::{Conduct, design};
+use fdm_session::design;
 
 /// What `fdm design` takes.
 #[derive(Debug, Args)]
@@ -17,7 +17,7 @@ pub(crate) struct Arguments {
 pub(crate) fn run(arguments: &Arguments) -> Ending {
     let Arguments { options, output } = arguments;
     refuse_others(options)?;
-    let mut conduct = Conduct::shown(output.manner.quiet, output.wanted()).within(&options.limit);
+    let mut conduct = output.conduct(&options.limit);
     let answer = design::answer(options, &mut conduct);
     conduct.progress.finish();
     let answer = answer?;

@@ -1,6 +1,6 @@
 //! `fdm diagnose`: lack of fit of a model, its cause, the extended model, and the gain.
 
-use crate::deliver::{Asked, Output, Places, Wanted, Whole, write};
+use crate::deliver::{Asked, Output, Places, Whole, write};
 use crate::failure::{Ending, ended, remark};
 use crate::job::Shared;
 use clap::Args;
@@ -17,19 +17,13 @@ pub(crate) struct Arguments {
     output: Output,
 }
 
-impl Arguments {
-    fn places(&self) -> Places<'_> {
-        Places { output: &self.output, plot: None, whole: &self.whole }
-    }
-}
-
 impl Shared for Arguments {
     fn verb(&self) -> &dyn Verb {
         &self.options
     }
 
-    fn wanted(&self) -> Wanted {
-        self.places().wanted()
+    fn places(&self) -> Places<'_> {
+        self.whole.places(&self.output)
     }
 
     /// The extended text is written first: the answer tells where it is.

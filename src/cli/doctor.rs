@@ -4,7 +4,7 @@ use crate::deliver::{Output, write};
 use crate::failure::{Ending, ended};
 use crate::ownership::{Overwriting, refuse_other_tables};
 use clap::Args;
-use fdm_session::{Conduct, doctor};
+use fdm_session::doctor;
 
 /// What `fdm doctor` takes.
 #[derive(Debug, Args)]
@@ -22,7 +22,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     if let Some(path) = options.fix.as_ref().filter(|_| !overwriting.force) {
         refuse_other_tables(path, doctor::BEGINNING.as_bytes())?;
     }
-    let mut conduct = Conduct::shown(output.manner.quiet, output.wanted()).within(&options.limit);
+    let mut conduct = output.conduct(&options.limit);
     let (judged, answer) = doctor::judge(options, &mut conduct)?;
     let printed = output.print(&answer);
     if let Some(path) = &options.fix {

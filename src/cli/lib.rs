@@ -13,7 +13,6 @@ mod doctor;
 mod effects;
 mod export;
 mod failure;
-mod fit;
 mod fmt;
 mod front;
 mod help;
@@ -36,17 +35,17 @@ mod sample;
 mod show;
 mod simulate;
 mod spectra;
-mod study;
 mod subjects;
 mod trust;
 mod validate;
 mod verify;
 
-use crate::deliver::Asked;
+use crate::deliver::{Asked, Delivered};
 use crate::job::Shared;
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use fdm_session::foreign_code::models_are_named_by;
 use fdm_session::terminal::{Stream, width};
+use fdm_session::{fit, study};
 use std::ffi::OsString;
 use std::process::ExitCode;
 use std::sync::OnceLock;
@@ -82,7 +81,7 @@ enum Verb {
     /// Check a model: every mistake in its text, and every derivative
     Check(check::Arguments),
     /// Estimate the parameters of a model from one or several runs
-    Fit(Box<fit::Arguments>),
+    Fit(Box<Delivered<fit::Options>>),
     /// Validate a result with runs that it was not fitted to
     ///
     /// Only per-run parameters are estimated again: biases and initial states.
@@ -113,7 +112,7 @@ enum Verb {
     /// Frequency responses of the records, with coherence and error
     Spectra(spectra::Arguments),
     /// Monte Carlo study: bias, scatter, interval coverage
-    Study(Box<study::Arguments>),
+    Study(Box<Delivered<study::Options>>),
     /// Profile-likelihood confidence intervals
     Profile(Box<profile::Arguments>),
     /// Draws from the posterior by the No-U-Turn sampler

@@ -1,11 +1,10 @@
 //! `fdm profile`: profile-likelihood confidence intervals.
 
-use crate::deliver::{Asked, Output, Wanted};
-use crate::failure::{Ending, ended};
+use crate::deliver::{Output, Places};
 use crate::job::Shared;
 use crate::ownership::Overwriting;
 use clap::Args;
-use fdm_session::{Conduct, Verb, profile};
+use fdm_session::{Verb, profile};
 use std::path::PathBuf;
 
 /// What `fdm profile` takes.
@@ -31,19 +30,7 @@ impl Shared for Arguments {
         &self.options
     }
 
-    fn wanted(&self) -> Wanted {
-        Wanted { plot: self.plot.is_some(), files: self.report.is_some(), ..self.output.wanted() }
-    }
-
-    fn run(&self, asked: &Asked) -> Ending {
-        let conduct = Conduct::shown(self.output.manner.quiet, self.wanted()).within(self.options.given().limit);
-        let mut conduct = Conduct { done: asked.done.clone(), ..conduct };
-        let session = self.options.session(&conduct)?;
-        let answer = self.options.answer(&session, &mut conduct);
-        conduct.progress.finish();
-        let answer = answer?;
-        let drawing = answer.plot.as_deref().map(str::as_bytes);
-        let places = [(self.plot.as_ref(), drawing), (self.report.as_ref(), answer.file("page.html"))];
-        ended(self.output.hand_over(&answer, places))
+    fn places(&self) -> Places<'_> {
+        Places { output: &self.output, plot: self.plot.as_deref(), out: None, report: self.report.as_deref() }
     }
 }

@@ -3,6 +3,7 @@
 use crate::deliver::{Asked, Output, Places, Whole};
 use crate::failure::Ending;
 use clap::Args;
+use fdm_session::methods::given;
 use fdm_session::regress;
 
 /// What `fdm regress` takes.
@@ -18,7 +19,8 @@ pub(crate) struct Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
     let Arguments { options, output, whole } = arguments;
-    options.refuse(whole.given())?;
+    let places = [("--out", whole.out.is_some()), ("--report", whole.report.is_some())];
+    options.refuse(given(&places))?;
     let plot = options.recursive.plot.as_deref();
-    Places { output, plot, whole }.deliver(options, &Asked::default())
+    Places { plot, ..whole.places(output) }.deliver(options, &Asked::default())
 }

@@ -1,11 +1,11 @@
 //! `fdm sample`: draws from the posterior of a result by the No-U-Turn sampler.
 
-use crate::deliver::{Output, Wanted, standing};
-use crate::failure::{Ending, Failure, OrFailure, ended};
+use crate::deliver::{Output, Places, standing, write};
+use crate::failure::{Ending, Failure, OrFailure, ended, remark};
 use crate::ownership::Overwriting;
 use clap::Args;
 use fdm_results::store::ResultFolder;
-use fdm_session::{Conduct, sample};
+use fdm_session::sample;
 use std::path::PathBuf;
 
 /// What `fdm sample` takes.
@@ -27,8 +27,10 @@ pub(crate) struct Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
     let Arguments { options, arviz, report, output, overwriting } = arguments;
-    let wanted = Wanted { files: arviz.is_some() || report.is_some(), plot: report.is_some(), ..output.wanted() };
-    let mut conduct = Conduct::shown(output.manner.quiet, wanted).within(&options.limit);
+    let places = Places { output, plot: None, out: None, report: report.as_deref() };
+    let mut conduct = places.conduct(&options.limit);
+    conduct.wanted.files |= arviz.is_some();
+    conduct.wanted.plot = report.is_some();
     let folder = ResultFolder::open(&options.result).or_failure()?;
     for path in [arviz, report].into_iter().flatten().filter(|_| !overwriting.force) {
         if path.symlink_metadata().is_ok() {
@@ -36,6 +38,9 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         }
     }
     let answer = sample::draw(options, &folder, None, &mut conduct)?;
-    let places = [(arviz.as_ref(), answer.file("draws.json")), (report.as_ref(), answer.file("page.html"))];
-    ended(output.hand_over(&answer, places))
+    let whole = places.hand_over(&answer);
+    let draws = arviz.as_ref().zip(answer.file("draws.json")).map(|(path, draws)| write(path, draws));
+    let failed = draws.and_then(Result::err);
+    failed.iter().for_each(|e| remark(format_args!("error: {e}; the result is what is printed")));
+    ended(whole && failed.is_none())
 }

@@ -1,6 +1,6 @@
 //! `fdm spectra`: frequency responses estimated from records alone; the model only names the channels.
 
-use crate::deliver::{Output, Wanted, write};
+use crate::deliver::{Output, Places};
 use crate::failure::{Ending, ended};
 use crate::ownership::Overwriting;
 use clap::Args;
@@ -27,10 +27,7 @@ pub(crate) struct Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
     let Arguments { options, output, plot, report, .. } = arguments;
-    let wanted = Wanted { plot: plot.is_some(), files: report.is_some(), ..output.wanted() };
-    let answer = spectra::answer(options, &options.session(output.manner.quiet)?, wanted)?;
-    let printed = output.print(&answer);
-    plot.as_ref().zip(answer.plot.as_ref()).map_or(Ok(()), |(file, drawing)| write(file, drawing))?;
-    report.as_ref().zip(answer.file("page.html")).map_or(Ok(()), |(file, page)| write(file, page))?;
-    ended(printed)
+    let places = Places { output, plot: plot.as_deref(), out: None, report: report.as_deref() };
+    let session = options.session(output.manner.quiet)?;
+    ended(places.hand_over(&spectra::answer(options, &session, places.wanted())?))
 }

@@ -13,6 +13,8 @@ pub struct Wanted {
     pub json: bool,
     /// The files of its folder, or of its page.
     pub files: bool,
+    /// A folder with its files.
+    pub folder: bool,
     /// Its drawing.
     pub plot: bool,
     /// A text with every remark.

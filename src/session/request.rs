@@ -35,7 +35,7 @@ use fdm_system::record::{Assumptions, ReadOptions, Run};
 use std::path::{Path, PathBuf};
 
 /// Text and JSON.
-const DOCUMENT: Wanted = Wanted { json: true, files: false, plot: false, verbose: false };
+const DOCUMENT: Wanted = Wanted { json: true, files: false, folder: false, plot: false, verbose: false };
 /// The files of a folder, and JSON.
 const FILES: Wanted = Wanted { files: true, ..DOCUMENT };
 

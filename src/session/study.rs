@@ -46,10 +46,10 @@ pub struct Options {
     /// Number of repeats
     #[arg(long, value_name = "N", default_value_t = 1000, help_heading = "Repeats",
           allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(2..=1_000_000))]
-    pub repeats: u32,
+    repeats: u32,
     /// Simulation-based calibration of `fdm sample` instead: ranks of the truth among draws, conditional on the records
     #[arg(long, help_heading = "Repeats", hide_short_help = true)]
-    pub calibration: bool,
+    calibration: bool,
     /// Transitions in which the step and the metric of each chain of a calibration are adapted
     #[arg(long, value_name = "N", default_value_t = 300, requires = "calibration", help_heading = "Repeats",
           allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(20..=1_000_000), hide_short_help = true)]
@@ -58,9 +58,8 @@ pub struct Options {
     #[arg(long, value_name = "N", default_value_t = 400, help_heading = "Repeats",
           allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(0..=1_000_000), hide_short_help = true)]
     draws: u32,
-    /// The noise of the repeats, and where they are kept.
     #[command(flatten)]
-    pub repetition: Repeats,
+    repetition: Repeats,
     #[command(flatten)]
     integration: Integration,
     #[command(flatten)]
@@ -143,6 +142,12 @@ impl Verb for Options {
     }
 
     fn session(&self, conduct: &Conduct) -> Result<Session, Failure> {
+        let (wanted, kept) = (conduct.wanted, !self.repetition.checkpoints.given().is_empty());
+        if self.calibration && (wanted.folder || wanted.plot || kept) {
+            return Err(Failure::input([
+                "--calibration has no folder, drawing or checkpoint; --report and --json keep it",
+            ]));
+        }
         self.records.session(self.model.load_for(&self.records)?, conduct.quiet)
     }
 

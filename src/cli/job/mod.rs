@@ -7,7 +7,7 @@ mod run;
 mod status;
 mod work;
 
-use crate::deliver::{Asked, Wanted};
+use crate::deliver::{Asked, Places};
 use crate::failure::Ending;
 use clap::{Args, Subcommand};
 use fdm_session::Verb;
@@ -17,11 +17,13 @@ pub(crate) trait Shared {
     /// Its options.
     fn verb(&self) -> &dyn Verb;
 
-    /// What is wanted of its answer.
-    fn wanted(&self) -> Wanted;
+    /// Where its answer goes.
+    fn places(&self) -> Places<'_>;
 
     /// What the command does.
-    fn run(&self, asked: &Asked) -> Ending;
+    fn run(&self, asked: &Asked) -> Ending {
+        self.places().deliver(self.verb(), asked)
+    }
 }
 
 /// What `fdm job` takes.

@@ -73,7 +73,7 @@ impl Command {
             Kind::Reproduce(a) => a.tasks(visit),
             Kind::Shared(a) => {
                 // the answer may be asked for as JSON at the end
-                let wanted = Wanted { json: true, ..a.wanted() };
+                let wanted = Wanted { json: true, ..a.places().wanted() };
                 let conduct = Conduct::hidden(halt.clone(), Course::default(), wanted);
                 let session = a.verb().session(&conduct)?.of_command(self.typed.clone());
                 a.verb().tasks(&session, &conduct, states, visit)
