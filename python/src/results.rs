@@ -189,30 +189,18 @@ pub(crate) fn sample(
     answered(py, progress, |watch| request::sample(&files, records, &words, watch))
 }
 
-/// `fdm study --calibration`.
+/// What a verb answers: `profile`, or `study` with `--calibration`.
 #[pyfunction]
-pub(crate) fn calibrate(
+pub(crate) fn ask(
     py: Python<'_>,
+    verb: &str,
     model: &Model,
     records: Vec<Py<Record>>,
     words: Vec<String>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Answer> {
     let held = held(model, &records, &words);
-    answered(py, progress, |watch| request::calibrate(held, watch))
-}
-
-/// `fdm profile`.
-#[pyfunction]
-pub(crate) fn profile(
-    py: Python<'_>,
-    model: &Model,
-    records: Vec<Py<Record>>,
-    words: Vec<String>,
-    progress: Option<Py<PyAny>>,
-) -> PyResult<Answer> {
-    let held = held(model, &records, &words);
-    answered(py, progress, |watch| request::profile(held, watch))
+    answered(py, progress, |watch| request::ask(verb, held, watch))
 }
 
 /// `fdm design`, with the inputs of the planned runs as files.

@@ -10,9 +10,10 @@ use fdm_session::campaign::{RecordFile, Role};
 use fdm_session::effects::{Effects, Sampling, subject_of, with_effects};
 use fdm_session::progress::Progress;
 use fdm_session::records::read_runs;
+use fdm_session::simulate::unchanged;
 use fdm_session::value::assignment;
 use fdm_system::Model;
-use fdm_system::record::{ReadOptions, Run};
+use fdm_system::record::Run;
 use std::path::{Path, PathBuf};
 
 /// Most alternatives of a cause that are fitted beside it.
@@ -76,18 +77,9 @@ impl Diagnosed {
 
     /// The files of the runs that took part in the fits, or of those that did not.
     pub(crate) fn files(&self, role: Role) -> Result<Vec<RecordFile>, Failure> {
-        let (mut files, mut wrong) = (Vec::new(), Vec::new());
-        for data in self.data(role) {
-            let path = PathBuf::from(data.path.as_ref().unwrap_or(&data.file));
-            if DataFile::new(&data.run, &path).is_same(data) {
-                let reading = data.reading.as_ref().unwrap_or(&self.manifest.reading).clone();
-                let options = ReadOptions { require_outputs: false, any_size: true, ..reading };
-                files.push(RecordFile { path, name: Some(data.run.clone()), role, options });
-            } else {
-                wrong.push(format!("{}: changed or removed since run `{}` was diagnosed", path.display(), data.run));
-            }
-        }
-        if wrong.is_empty() { Ok(files) } else { Err(Failure::Input(wrong)) }
+        let changed =
+            |path: &Path, run: &str| format!("{}: changed or removed since run `{run}` was diagnosed", path.display());
+        unchanged(&self.manifest, &self.data(role).collect::<Vec<_>>(), role, &changed)
     }
 
     fn data(&self, role: Role) -> impl Iterator<Item = &DataFile> {

@@ -6,8 +6,8 @@ use crate::output_error::options::{Continuation, FitOptions, FrequencyOptions};
 use crate::problem::Options;
 use fdm_system::simulate::Scheme;
 
-/// Methods in their domains; the columns of [`OPTIONS`].
-const COLUMNS: [(Method, Domain); 6] = [
+/// Methods in their domains, as tables of options have them in their columns.
+pub const COLUMNS: [(Method, Domain); 6] = [
     (Method::OutputError, Domain::Time),
     (Method::OutputError, Domain::Frequency),
     (Method::FilterError, Domain::Time),

@@ -60,7 +60,7 @@ pub use crate::residuals::autoregression::{AutoRegression, LevinsonDurbin};
 pub use beginnings::{fit_from_beginnings, initial_values};
 pub use best_iterate::{BestIterate, BestOptions, Criterion, best_iterate};
 pub use changes::{ChangeError, Changes};
-pub use combinations::{option_names, takes_option};
+pub use combinations::{COLUMNS, option_names, takes_option};
 pub use degenerate::Degeneracy;
 pub use derived::{DerivedName, DerivedQuantities};
 pub use estimate::{BiasCorrection, Estimate, ParameterEstimate, RunFit, Smoothing, Status, Symmetric};

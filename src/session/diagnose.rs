@@ -79,8 +79,8 @@ pub struct Diagnosed<'s> {
 /// # Errors
 /// [`Failure`]; [`Failure::Stopped`], where there was no time.
 pub fn diagnose<'s>(asked: &'s Options, session: &'s Session, conduct: &mut Conduct) -> Result<Diagnosed<'s>, Failure> {
-    let (domain, catalogue) = asked.searched()?;
-    let options = asked.chosen(&session.model, domain);
+    let catalogue = asked.chosen.of(asked.effects.read()?)?;
+    let options = asked.chosen(&session.model, asked.domain()?);
     let _writer = conduct.follow(session, None);
     let found = searched(session, &catalogue, &options, conduct);
     conduct.progress.finish();
@@ -157,7 +157,7 @@ impl Verb for Options {
     }
 
     fn session(&self, conduct: &Conduct) -> Result<Session, Failure> {
-        self.searched()?;
+        self.domain()?;
         let model = self.model.load_for(&self.records)?;
         self.records.session_with_validation(model, &self.validation, conduct.quiet)
     }
@@ -183,18 +183,13 @@ impl Verb for Options {
         _: &dyn CheckpointStore,
         visit: Visit<'_>,
     ) -> Result<(), Failure> {
-        let (domain, _) = self.searched()?;
-        let identity = Identity::of(&session.model, &session.all(), &self.chosen(&session.model, domain));
+        let options = self.chosen(&session.model, self.domain()?);
+        let identity = Identity::of(&session.model, &session.all(), &options);
         as_one_task(self, session, conduct, &identity, visit)
     }
 }
 
 impl Options {
-    /// Where models are compared with records, and the effects that are searched.
-    fn searched(&self) -> Result<(discover::Domain, Catalogue), Failure> {
-        Ok((self.domain()?, self.chosen.of(self.effects.read()?)?))
-    }
-
     fn chosen(&self, model: &Model, domain: discover::Domain) -> DiagnosisOptions {
         let changes = self.model.changes(&self.estimated);
         DiagnosisOptions {

@@ -113,6 +113,7 @@ pub fn answer(options: &Options, session: &Session, conduct: &mut Conduct) -> Re
     let chosen = options.chosen(session)?;
     let checkpoint = conduct.checkpoint(&options.checkpoints, &chosen.identity)?;
     let _writer = conduct.follow(session, Some(&options.checkpoints));
+    conduct.progress.watching(options.watch);
     let found = identify(&session.model, &session.runs, &chosen.fit, checkpoint.keeper(), &mut conduct.progress);
     conduct.progress.finish();
     let found = found.or_failure()?;
@@ -122,17 +123,12 @@ pub fn answer(options: &Options, session: &Session, conduct: &mut Conduct) -> Re
     manifest.seed = matches!(found, Identified::OutputError(_)).then_some(options.seed);
     let frequencies = frequencies(&found);
     let outcome = Outcome {
-        model: found.model(),
         fit: found.in_time(),
-        runs: &session.runs,
         spectra: panels(&found, &frequencies),
         tables: files(&found),
-        bands: Vec::new(),
-        text: told.text,
         whole: told.whole,
-        json: told.document,
         remarks: remarks_of(&found, chosen.fit.starts.count),
-        manifest,
+        ..Outcome::new((found.model(), &session.runs), told.text, told.document, manifest)
     };
     let mut answer = outcome.answer(wanted)?;
     answer.good = found.is_good() && found.is_complete(chosen.fit.starts.count);

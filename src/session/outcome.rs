@@ -35,7 +35,18 @@ pub(crate) struct Outcome<'a> {
     pub(crate) manifest: Manifest,
 }
 
-impl Outcome<'_> {
+impl<'a> Outcome<'a> {
+    /// Of a model and runs, with nothing but these.
+    pub(crate) fn new(
+        (model, runs): (&'a Model, &'a [Run]),
+        text: String,
+        json: ResultDocument,
+        manifest: Manifest,
+    ) -> Self {
+        let (spectra, tables, bands, remarks) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        Self { model, fit: None, runs, spectra, tables, bands, text, whole: None, json, remarks, manifest }
+    }
+
     /// As far as it is wanted.
     pub(crate) fn answer(mut self, wanted: Wanted) -> Result<Answer, Failure> {
         if wanted.json || wanted.files {

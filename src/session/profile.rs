@@ -75,10 +75,6 @@ impl Verb for Options {
         self.records.session(model, conduct.quiet)
     }
 
-    fn names(&self, _: &Session) -> Vec<String> {
-        Vec::new()
-    }
-
     /// The page is the file `page.html`.
     fn answer(&self, session: &Session, conduct: &mut Conduct) -> Result<Answer, Failure> {
         self.are_known(&session.model)?;

@@ -103,9 +103,8 @@ impl Progress {
     }
 
     /// Shows how the cost falls.
-    pub fn watching(mut self, wanted: bool) -> Self {
+    pub fn watching(&mut self, wanted: bool) {
         self.costs = wanted.then(Vec::new);
-        self
     }
 
     /// Writes down beside these folders how far the work on a session is, as long as the writer lives; nothing where there are none.

@@ -10,7 +10,7 @@ use crate::methods::given;
 use crate::outcome::{Outcome, names};
 use crate::records::Records;
 use crate::session::Session;
-use crate::tasks::{Given, Verb, Visit};
+use crate::tasks::{Given, Verb};
 use crate::value::{band, number};
 use crate::word::one_of;
 use clap::Args;
@@ -18,7 +18,7 @@ use fdm_estimate::equation_error::{
     Components, Dependence, Detrend, Domain, Limits, Preprocessing, RecursiveOptions, RegressionOptions, Smoothing,
     by_cutoff, by_length, regress, structure,
 };
-use fdm_estimate::{BestOptions, CheckpointStore, Criterion, Noise, best_iterate, changed};
+use fdm_estimate::{BestOptions, Criterion, Noise, best_iterate, changed};
 use fdm_report::{
     dependence_table, recursive_histories, recursive_table, recursive_times, regression_table, structure_table, svg,
 };
@@ -169,10 +169,6 @@ impl Verb for Options {
         }
         self.at_once(session, conduct)
     }
-
-    fn tasks(&self, _: &Session, _: &Conduct, _: &dyn CheckpointStore, _: Visit<'_>) -> Result<(), Failure> {
-        Err(Failure::input(["regressions are not cut into tasks"]))
-    }
 }
 
 impl Options {
@@ -197,19 +193,10 @@ impl Options {
             document = document.with_dependence(cutoff, length);
         }
         let good = !found.is_undetermined();
-        let outcome = Outcome {
-            model,
-            fit: None,
-            runs,
-            spectra: Vec::new(),
-            tables: Vec::new(),
-            bands: Vec::new(),
-            text,
-            whole: None,
-            json: document.into(),
-            remarks: if good { Vec::new() } else { vec![UNDETERMINED.into()] },
-            manifest: session.manifest(Identity::of(model, runs, &options), Noise::Diagonal, conduct.wanted),
-        };
+        let manifest = session.manifest(Identity::of(model, runs, &options), Noise::Diagonal, conduct.wanted);
+        let outcome = Outcome::new((model, runs), text, document.into(), manifest);
+        let remarks = if good { Vec::new() } else { vec![UNDETERMINED.into()] };
+        let outcome = Outcome { remarks, ..outcome };
         let answer = Answer { good, ..outcome.answer(conduct.wanted)? };
         Ok(conduct.in_time(answer, "the result is the best so far"))
     }

@@ -66,10 +66,9 @@ impl Held<'_> {
     fn asked<V: Verb + Args>(
         self,
         verb: &str,
-        fixed: &[String],
         (watch, wanted): (&Watch, Wanted),
     ) -> Result<(V, Session, Conduct), Failure> {
-        let options: V = parsed(&[&self.named(), fixed].concat(), self.words)?;
+        let options: V = parsed(&self.named(), self.words)?;
         let (given, words) = (options.given(), self.words.to_vec());
         let conduct = watch.conduct(wanted).within(given.limit);
         let model = given.model.untied(self.model)?;
@@ -239,7 +238,7 @@ pub struct Fitted {
 /// [`Failure`]
 pub fn fit(held: Held<'_>, watch: &Watch) -> Result<Fitted, Failure> {
     let wanted = Wanted { json: false, ..FILES };
-    let (options, session, mut conduct) = held.asked::<fits::Options>("fit", &[], (watch, wanted))?;
+    let (options, session, mut conduct) = held.asked::<fits::Options>("fit", (watch, wanted))?;
     let fits::Fitted { found, answer } = fits::answer(&options, &session, &mut conduct)?;
     Ok(Fitted { session, found, answer })
 }
@@ -270,7 +269,7 @@ pub fn model_of(files: &[NamedFile]) -> Result<Model, Failure> {
 /// # Errors
 /// [`Failure`]
 pub fn diagnose(held: Held<'_>, watch: &Watch) -> Result<(Answer, Diagnosis), Failure> {
-    let (options, session, mut conduct) = held.asked::<diagnoses::Options>("diagnose", &[], (watch, FILES))?;
+    let (options, session, mut conduct) = held.asked::<diagnoses::Options>("diagnose", (watch, FILES))?;
     let diagnosed = diagnoses::diagnose(&options, &session, &mut conduct)?;
     Ok((diagnosed.answer(None, FILES)?, diagnosed.found))
 }
@@ -291,32 +290,30 @@ pub fn sample(files: &[NamedFile], records: Vec<Record>, words: &[String], watch
     Ok(watch.unstopped(samples::draw(&options, &folder, given, &mut conduct)?))
 }
 
-/// `fdm study --calibration`; its page is the file `page.html`.
-///
-/// # Errors
-/// [`Failure`]
-pub fn calibrate(held: Held<'_>, watch: &Watch) -> Result<Answer, Failure> {
-    let fixed = ["--calibration".to_string()];
-    let (options, session, mut conduct) = held.asked::<studies::Options>("study", &fixed, (watch, FILES))?;
-    Ok(watch.unstopped(studies::calibrate(&options, &session, &mut conduct)?))
-}
-
 /// `fdm study`: the answer, and the columns of `repeats.csv`.
 ///
 /// # Errors
 /// [`Failure`]
 pub fn study(held: Held<'_>, watch: &Watch) -> Result<(Answer, studies::Columns), Failure> {
-    let (options, session, mut conduct) = held.asked::<studies::Options>("study", &[], (watch, Wanted::default()))?;
+    let (options, session, mut conduct) = held.asked::<studies::Options>("study", (watch, Wanted::default()))?;
     let studies::Studied { answer, study, columns } = studies::study(&options, &session, &mut conduct)?;
     Ok((Answer { good: answer.good, ..Answer::of(study_table(&study), &study, DOCUMENT)? }, columns))
 }
 
-/// `fdm profile`.
+/// What a verb answers that gives nothing but an answer: `profile`, or `study` (with `--calibration` among the words).
 ///
 /// # Errors
-/// [`Failure`]; [`Failure::Stopped`], where it was stopped before there was a profile.
-pub fn profile(held: Held<'_>, watch: &Watch) -> Result<Answer, Failure> {
-    let (options, session, mut conduct) = held.asked::<profiles::Options>("profile", &[], (watch, DOCUMENT))?;
+/// [`Failure`]; [`Failure::Stopped`], where it was stopped before there was anything to give.
+pub fn ask(verb: &str, held: Held<'_>, watch: &Watch) -> Result<Answer, Failure> {
+    match verb {
+        "profile" => answered::<profiles::Options>(verb, held, watch),
+        "study" => answered::<studies::Options>(verb, held, watch),
+        _ => Err(Failure::input([format!("`{verb}` gives more than an answer, or is no verb")])),
+    }
+}
+
+fn answered<V: Verb + Args>(verb: &str, held: Held<'_>, watch: &Watch) -> Result<Answer, Failure> {
+    let (options, session, mut conduct) = held.asked::<V>(verb, (watch, FILES))?;
     match options.answer(&session, &mut conduct) {
         Err(Failure::Astray { said, .. }) if watch.is_stopped() => Err(Failure::Stopped(said)),
         found => Ok(watch.unstopped(found?)),

@@ -12,14 +12,14 @@ use clap::Args;
 use fdm_estimate::{FitOptions, initial_guess, initial_values};
 use fdm_lab::posterior::Bands;
 use fdm_results::documents::{ChannelDocument, Diverged, ResponseDocument};
-use fdm_results::store::{DataFile, ResultError, ResultFolder};
+use fdm_results::store::{DataFile, Manifest, ResultError, ResultFolder};
 use fdm_system::Model;
 use fdm_system::record::{ReadOptions, Run};
 use fdm_system::simulate::{
     Accuracy, Divergence, Simulator, StepOptions, Steps, UNSOUND, WorstError, choose_steps, integration_error,
     worst_errors,
 };
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// What a simulation works with.
 #[derive(Debug, Args)]
@@ -150,31 +150,41 @@ impl Options {
 pub fn fitted_runs(folder: &ResultFolder, like: Option<&str>, model: &Model) -> Result<Vec<Run>, Failure> {
     let manifest = folder.manifest();
     let wanted: Vec<&DataFile> = manifest.data.iter().filter(|d| like.is_none_or(|l| d.run == l)).collect();
-    let (mut files, mut wrong) = (Vec::new(), Vec::new());
-    for data in &wanted {
-        let path = PathBuf::from(data.path.as_ref().unwrap_or(&data.file));
-        if DataFile::new(&data.run, &path).is_same(data) {
-            let reading = data.reading.as_ref().unwrap_or(&manifest.reading).clone();
-            let options = ReadOptions { require_outputs: false, any_size: true, ..reading };
-            files.push(RecordFile { path, name: Some(data.run.clone()), role: Role::Fit, options });
-        } else {
-            let file = path.display();
-            wrong.push(format!(
-                "{file}: changed or removed since run `{}` was fitted; give the record with --data",
-                data.run
-            ));
-        }
-    }
     if let (Some(like), true) = (like, wanted.is_empty()) {
         return Err(Failure::input([ResultError::NoRun { run: like.into(), fitted: folder.runs() }]));
     }
-    if !wrong.is_empty() {
-        return Err(Failure::Input(wrong));
-    }
+    let changed = |path: &Path, run: &str| {
+        format!("{}: changed or removed since run `{run}` was fitted; give the record with --data", path.display())
+    };
+    let files = unchanged(manifest, &wanted, Role::Fit, &changed)?;
     let mut runs = read_runs(&files, model, &[], true)?;
     // as the fit called them, where files share a name
     runs.iter_mut().zip(&wanted).for_each(|(run, data)| run.name.clone_from(&data.run));
     Ok(runs)
+}
+
+/// Files that a result was made from, for runs of this role; `changed` says that one is no longer as it was.
+///
+/// # Errors
+/// [`Failure::Input`]
+pub fn unchanged(
+    manifest: &Manifest,
+    wanted: &[&DataFile],
+    role: Role,
+    changed: &dyn Fn(&Path, &str) -> String,
+) -> Result<Vec<RecordFile>, Failure> {
+    let (mut files, mut wrong) = (Vec::new(), Vec::new());
+    for data in wanted {
+        let path = PathBuf::from(data.path.as_ref().unwrap_or(&data.file));
+        if DataFile::new(&data.run, &path).is_same(data) {
+            let reading = data.reading.as_ref().unwrap_or(&manifest.reading).clone();
+            let options = ReadOptions { require_outputs: false, any_size: true, ..reading };
+            files.push(RecordFile { path, name: Some(data.run.clone()), role, options });
+        } else {
+            wrong.push(changed(&path, &data.run));
+        }
+    }
+    if wrong.is_empty() { Ok(files) } else { Err(Failure::Input(wrong)) }
 }
 
 /// All parameters of a run.

@@ -116,18 +116,13 @@ pub fn study(asked: &Options, session: &Session, conduct: &mut Conduct) -> Resul
     let columns = repeat_columns(bootstrap.subjects(), bootstrap.goals().unwrap_or_default(), &repeats);
     let mut manifest = session.manifest(identity, options.options.noise.clone(), conduct.wanted);
     manifest.seed = Some(asked.repetition.seed);
+    let text = format!("{}\n\n{}", title(&first.model), study_table(&study));
+    let json = FitDocument { study: Some(study.clone()), ..FitDocument::of(&first) };
     let outcome = Outcome {
-        model: &first.model,
         fit: Some(&first),
-        runs: &session.runs,
-        spectra: Vec::new(),
         tables: if conduct.wanted.files { files(&first, &study, &columns)? } else { Vec::new() },
-        bands: Vec::new(),
-        text: format!("{}\n\n{}", title(&first.model), study_table(&study)),
-        whole: None,
-        json: FitDocument { study: Some(study.clone()), ..FitDocument::of(&first) }.into(),
         remarks: integration_remarks(&first),
-        manifest,
+        ..Outcome::new((&first.model, &session.runs), text, json.into(), manifest)
     };
     let answer = outcome.answer(conduct.wanted)?;
     let good = first.is_integrated() && study.is_whole() && study.converged > 0;

@@ -36,8 +36,10 @@ pub trait Verb: Sync {
     /// [`Failure`]
     fn session(&self, conduct: &Conduct) -> Result<Session, Failure>;
 
-    /// Names of all files that its folder may hold.
-    fn names(&self, session: &Session) -> Vec<String>;
+    /// Names of all files that its folder may hold; none of a verb without one.
+    fn names(&self, _: &Session) -> Vec<String> {
+        Vec::new()
+    }
 
     /// What it works out.
     ///
@@ -45,17 +47,13 @@ pub trait Verb: Sync {
     /// [`Failure`]
     fn answer(&self, session: &Session, conduct: &mut Conduct) -> Result<Answer, Failure>;
 
-    /// Makes ready what its tasks have in common, and shows them; `states` keeps what they begin with.
+    /// Makes ready what its tasks have in common, and shows them; what they begin with is kept.
     ///
     /// # Errors
     /// [`Failure`]; of a verb that has no tasks in any case.
-    fn tasks(
-        &self,
-        session: &Session,
-        conduct: &Conduct,
-        states: &dyn CheckpointStore,
-        visit: Visit<'_>,
-    ) -> Result<(), Failure>;
+    fn tasks(&self, _: &Session, _: &Conduct, _: &dyn CheckpointStore, _: Visit<'_>) -> Result<(), Failure> {
+        Err(Failure::input(["the command has no tasks"]))
+    }
 }
 
 /// What a verb works out, here or as the one task that was done elsewhere.

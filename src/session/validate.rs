@@ -112,20 +112,8 @@ pub fn answer(
         text(&fit, (folder, &fit_verdict(&document)), (&baselines, &errors, &covered), detail)
     };
     let (brief, whole) = (told(false), Some(told(true)));
-    let json = document.into();
-    let outcome = Outcome {
-        model: &fit.model,
-        fit: Some(&fit),
-        runs,
-        spectra: Vec::new(),
-        tables: Vec::new(),
-        bands,
-        text: brief,
-        whole,
-        json,
-        remarks,
-        manifest,
-    };
+    let outcome = Outcome::new((&fit.model, runs), brief, document.into(), manifest);
+    let outcome = Outcome { fit: Some(&fit), bands, whole, remarks, ..outcome };
     let answer = Answer { good: fit.is_good(), ..outcome.answer(conduct.wanted)? };
     Ok(conduct.in_time(answer, "the result is the best so far"))
 }
