@@ -7,7 +7,7 @@ use fdm_lab::job::Memory;
 use fdm_report::page::{Subject, page};
 use fdm_results::store::{Destination, make_folder, write_file};
 use fdm_session::halt::TimeLimit;
-use fdm_session::tasks::answered;
+use fdm_session::verb::answered;
 pub(crate) use fdm_session::{Answer, NamedFile, Wanted};
 use fdm_session::{Conduct, Session, Verb};
 use std::path::{Path, PathBuf};

@@ -13,7 +13,7 @@ use fdm_session::checkpoint::OpenCheckpoint;
 use fdm_session::foreign_code::refuse_units_of;
 use fdm_session::options::Repeats;
 use fdm_session::progress::{Progress, RepeatProgress, counted};
-use fdm_session::tasks::Visit;
+use fdm_session::verb::Visit;
 use fdm_system::Model;
 use rayon::prelude::*;
 use serde::Serialize;

@@ -1,6 +1,6 @@
 //! `fdm fit`: parameters, their standard errors and the quality of the match, from one or several runs, by any method.
 
-use crate::answer::{Answer, NamedFile};
+use crate::answer::{Answer, NamedFile, Wanted};
 use crate::checkpoint::Checkpoints;
 use crate::conduct::Conduct;
 use crate::failure::{Failure, OrFailure, SoFar, as_json};
@@ -17,7 +17,7 @@ use crate::records::Records;
 use crate::regress::UNDETERMINED;
 use crate::session::Session;
 use crate::tables::{csv, histories, title};
-use crate::tasks::{Given, Verb, Visit, as_one_task};
+use crate::verb::{Given, Verb, Visit, as_one_task};
 use clap::Args;
 use fdm_estimate::residuals::Baseline;
 use fdm_estimate::{
@@ -112,32 +112,51 @@ pub struct Fitted {
 pub fn answer(options: &Options, session: &Session, conduct: &mut Conduct) -> Result<Fitted, Failure> {
     let chosen = options.chosen(session)?;
     let checkpoint = conduct.checkpoint(&options.checkpoints, &chosen.identity)?;
-    let _writer = conduct.follow(session, Some(&options.checkpoints));
-    conduct.progress.watching(options.watch);
-    let found = identify(&session.model, &session.runs, &chosen.fit, checkpoint.keeper(), &mut conduct.progress);
-    conduct.progress.finish();
-    let found = found.or_failure()?;
+    let found = work(options, &chosen, (session, checkpoint.keeper()), conduct)?;
     let told = options.told(&found, &chosen, session, conduct)?;
-    let (noise, wanted) = (chosen.fit.options.noise.clone(), conduct.wanted);
-    let mut manifest = session.manifest(chosen.identity.clone(), noise, wanted);
-    manifest.seed = matches!(found, Identified::OutputError(_)).then_some(options.seed);
-    let frequencies = frequencies(&found);
-    let outcome = Outcome {
-        fit: found.in_time(),
-        spectra: panels(&found, &frequencies),
-        tables: files(&found),
-        whole: told.whole,
-        remarks: remarks_of(&found, chosen.fit.starts.count),
-        ..Outcome::new((found.model(), &session.runs), told.text, told.document, manifest)
-    };
-    let mut answer = outcome.answer(wanted)?;
-    answer.good = found.is_good() && found.is_complete(chosen.fit.starts.count);
+    let answer = kept(&found, &chosen, told, (session, conduct.wanted))?;
     let late = match answer.good {
         true => "the estimates have converged, but not all that comes after them is there",
         false => "the result is the best so far",
     };
     let answer = conduct.in_time(conduct.kept(answer, checkpoint), late);
     Ok(Fitted { found, answer })
+}
+
+fn work(
+    options: &Options,
+    chosen: &Chosen,
+    (session, keeper): (&Session, Option<&dyn CheckpointStore>),
+    conduct: &mut Conduct,
+) -> Result<Identified, Failure> {
+    let _writer = conduct.follow(session, Some(&options.checkpoints));
+    conduct.progress.watching(options.watch);
+    let found = identify(&session.model, &session.runs, &chosen.fit, keeper, &mut conduct.progress);
+    conduct.progress.finish();
+    found.or_failure()
+}
+
+/// As it is printed and written.
+fn kept(
+    found: &Identified,
+    chosen: &Chosen,
+    told: Told,
+    (session, wanted): (&Session, Wanted),
+) -> Result<Answer, Failure> {
+    let Chosen { fit, identity, .. } = chosen;
+    let mut manifest = session.manifest(identity.clone(), fit.options.noise.clone(), wanted);
+    manifest.seed = matches!(found, Identified::OutputError(_)).then_some(fit.starts.seed);
+    let frequencies = frequencies(found);
+    let outcome = Outcome {
+        fit: found.in_time(),
+        spectra: panels(found, &frequencies),
+        tables: files(found),
+        whole: told.whole,
+        remarks: remarks_of(found, fit.starts.count),
+        ..Outcome::new((found.model(), &session.runs), told.text, told.document, manifest)
+    };
+    let good = found.is_good() && found.is_complete(fit.starts.count);
+    Ok(Answer { good, ..outcome.answer(wanted)? })
 }
 
 impl Verb for Options {

@@ -41,15 +41,15 @@ pub mod simulate;
 pub mod spectra;
 pub mod study;
 pub mod tables;
-pub mod tasks;
 pub mod telling;
 pub mod terminal;
 pub mod validate;
 pub mod value;
+pub mod verb;
 mod word;
 
 pub use answer::{Answer, NamedFile, Wanted};
 pub use conduct::Conduct;
 pub use failure::Failure;
 pub use session::{Origin, Record, Session, Source};
-pub use tasks::Verb;
+pub use verb::Verb;

@@ -10,8 +10,8 @@ use crate::methods::given;
 use crate::outcome::{Outcome, names};
 use crate::records::Records;
 use crate::session::Session;
-use crate::tasks::{Given, Verb};
 use crate::value::{band, number};
+use crate::verb::{Given, Verb};
 use crate::word::one_of;
 use clap::Args;
 use fdm_estimate::equation_error::{

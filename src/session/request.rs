@@ -16,7 +16,7 @@ use crate::halt::Halt;
 use crate::progress_file::Course;
 use crate::records::{Records, notes, read_records, record};
 use crate::session::Session;
-use crate::tasks::Verb;
+use crate::verb::Verb;
 use crate::{
     check as checks, design as designs, diagnose as diagnoses, doctor as doctors, effects as catalogues, fit as fits,
     margins as uses, modes as eigenvalues, profile as profiles, sample as samples, simulate as simulations,

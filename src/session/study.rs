@@ -15,7 +15,7 @@ use crate::progress_file::Course;
 use crate::records::Records;
 use crate::session::Session;
 use crate::tables::title;
-use crate::tasks::{Given, Verb, Visit};
+use crate::verb::{Given, Verb, Visit};
 use clap::Args;
 use fdm_estimate::{CheckpointStore, Fit, FitOptions, Options as Estimation, fit_kept};
 use fdm_lab::job;

@@ -18,7 +18,7 @@ use fdm_session::campaign::expanded;
 use fdm_session::halt::Halt;
 use fdm_session::progress_file::Course;
 use fdm_session::request::unclear;
-use fdm_session::tasks::Visit;
+use fdm_session::verb::Visit;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
