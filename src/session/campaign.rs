@@ -32,6 +32,9 @@ pub struct RecordFile {
 
 /// The files behind `--data`, patterns (`flights/*.csv`) written out in the order of the alphabet. A file that a pattern finds once more is
 /// used once.
+///
+/// # Errors
+/// [`Failure`]
 pub fn expanded(data: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
     let (mut files, mut wrong) = (Vec::new(), Vec::new());
     for path in data {
@@ -93,6 +96,9 @@ const OWN: [&str; 7] = ["file", "run", "role", "map", "from", "to", "begin"];
 
 impl RunTable {
     /// Reads a table: cells separated as its header is, by `,`, `;` or tabs; lines that begin with `#` are comments.
+    ///
+    /// # Errors
+    /// [`Failure`]
     pub fn read(file: &Path) -> Result<Self, Failure> {
         let shown = file.display();
         let text = fdm_results::store::read_input_text(file)
@@ -158,6 +164,9 @@ impl RunTable {
     }
 
     /// Where the files of the runs are.
+    ///
+    /// # Errors
+    /// [`Failure`]
     pub fn paths(&self) -> Result<Vec<PathBuf>, Failure> {
         let of_row = |row: &Row| {
             let empty = || format!("--runs {}: line {}: the cell `file` is empty", self.file.display(), row.line);
@@ -189,6 +198,9 @@ impl RunTable {
     }
 
     /// The files of the runs, with `options` where a row says nothing else.
+    ///
+    /// # Errors
+    /// [`Failure`]
     pub fn files(&self, model: &Model, options: &ReadOptions) -> Result<Vec<RecordFile>, Failure> {
         let (known, groupings) = (known(model), model.groupings());
         let (mut wrong, mut files): (Vec<String>, Vec<RecordFile>) = (Vec::new(), Vec::new());

@@ -136,7 +136,7 @@ impl Options {
             return records;
         }
         let wider = records.iter().zip(&files).zip(session.read()).map(|((record, file), (_, summary))| {
-            let (log, _) = open_log(&file.path, self.is_salvaged()).ok()?;
+            let (log, _) = open_log(&file.path, self.records.selection.salvage).ok()?;
             let [topic] = &log.topics[..] else { return None };
             Some(record.clone().with_other_columns(topic, summary?, &file.options))
         });
@@ -149,18 +149,13 @@ impl Options {
     ///
     /// # Errors
     /// [`Failure::Records`]
-    pub fn judged_alone(&self, files: &[PathBuf], more: Vec<(Assumptions, Topic)>) -> Result<Judged, Failure> {
-        let mut tables = tables(files, self.is_salvaged())?;
+    pub(crate) fn judged_alone(&self, files: &[PathBuf], more: Vec<(Assumptions, Topic)>) -> Result<Judged, Failure> {
+        let mut tables = tables(files, self.records.selection.salvage)?;
         tables.extend(more);
         let records: Vec<Record> = tables.iter().map(|(told, topic)| Record::of_topic(&told.run, topic)).collect();
         let told = tables.into_iter().map(|(told, _)| told).collect();
         let found = Examination { findings: self.by_records(&records), ..Examination::default() };
         Ok(Judged { document: DoctorDocument::of(None, told, &found), records })
-    }
-
-    /// Whether what can be read of damaged logs is used.
-    fn is_salvaged(&self) -> bool {
-        self.records.selection.is_salvaged()
     }
 
     /// What records say by themselves.
@@ -176,7 +171,7 @@ impl Options {
     pub fn map(&self, Judged { records, document }: &Judged) -> String {
         let findings = document.findings.iter().filter(|f| f.severity == Severity::Finding);
         let repairs = findings.filter_map(|f| f.repair.as_ref());
-        let before = self.records.selection.map();
+        let before = self.records.selection.map_file.as_ref();
         let map = records.first().map(|record| repaired_map(record, before, repairs)).unwrap_or_default();
         format!("{BEGINNING}; read the record with --map-file and this file\n{}", map.text())
     }

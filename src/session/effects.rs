@@ -61,6 +61,9 @@ impl Chosen {
     }
 
     /// The part of a catalogue that was chosen; names that it does not have are refused.
+    ///
+    /// # Errors
+    /// [`Failure`]
     pub fn of(&self, mut catalogue: Catalogue) -> Result<Catalogue, Failure> {
         let own = catalogue.effects().map(|e| e.name().to_string());
         let names: BTreeSet<String> = own.chain([TABLE.to_string()]).collect();
@@ -107,6 +110,9 @@ impl Options {
 }
 
 /// Reads a model for effects.
+///
+/// # Errors
+/// [`Failure`]
 pub fn subject(file: &Path) -> Result<(Model, Subject), Failure> {
     let model = load_model(file)?;
     let subject = subject_of(&model)?;
@@ -123,6 +129,9 @@ pub fn subject_of(model: &Model) -> Result<Subject, Failure> {
 
 impl Effects {
     /// The catalogue; a file with a mistake is refused with all of them.
+    ///
+    /// # Errors
+    /// [`Failure`]
     pub fn read(&self) -> Result<Catalogue, Failure> {
         let mut catalogue = Catalogue::standard();
         for file in &self.files {
@@ -245,6 +254,9 @@ impl Scales for Sampling {
 
 impl Extend {
     /// A model with the effects in it.
+    ///
+    /// # Errors
+    /// [`Failure`]
     pub fn applied(&self, at: Subject) -> Result<Subject, Failure> {
         let positive = |v: f64| v > 0.0 && v.is_finite();
         if !positive(self.step) || !positive(self.duration) {
@@ -255,6 +267,9 @@ impl Extend {
 }
 
 /// A model with effects in it, one after the other.
+///
+/// # Errors
+/// [`Failure`]
 pub fn with_effects(
     mut at: Subject,
     wanted: &[String],

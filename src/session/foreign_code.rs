@@ -19,7 +19,7 @@ pub fn models_are_named_by(what: impl Into<String>, allowed: bool) {
 }
 
 /// Refuses a model with machine code that only a file names.
-pub fn refuse_foreign_code(model: &Model) -> Result<(), String> {
+pub(crate) fn refuse_foreign_code(model: &Model) -> Result<(), String> {
     match NAMED_BY.get() {
         Some(what) if model.holds_foreign_code() => Err(format!(
             "{}: the model holds machine code of a unit, and {what} names it; {ALLOW_UNITS} lets it run",

@@ -18,7 +18,7 @@ pub struct TimeLimit {
 
 impl TimeLimit {
     /// When the time is over, counted from now.
-    pub fn deadline(&self) -> Option<Instant> {
+    pub(crate) fn deadline(&self) -> Option<Instant> {
         // a limit beyond what clocks hold is none
         self.time_limit.and_then(|limit| Instant::now().checked_add(limit))
     }
@@ -73,7 +73,7 @@ impl Halt {
     }
 
     /// Whether work was asked to end.
-    pub fn is_interrupted(&self) -> bool {
+    pub(crate) fn is_interrupted(&self) -> bool {
         self.interrupted.load(Ordering::Relaxed)
     }
 
@@ -83,13 +83,13 @@ impl Halt {
     }
 
     /// Whether there is time for what a result can do without: it ends with the time, and is not told to have run out of it.
-    pub fn has_time(&self) -> bool {
+    pub(crate) fn has_time(&self) -> bool {
         let over = self.deadline.is_some_and(|deadline| Instant::now() >= deadline);
         !over && !self.interrupted.load(Ordering::Relaxed)
     }
 
     /// Whether work was ended by the time limit.
-    pub fn ran_out_of_time(&self) -> bool {
+    pub(crate) fn ran_out_of_time(&self) -> bool {
         self.over.load(Ordering::Relaxed)
     }
 

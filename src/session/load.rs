@@ -51,22 +51,31 @@ impl Estimated {
 
 impl ModelFile {
     /// Reads and compiles the model; warnings go to standard error.
+    ///
+    /// # Errors
+    /// [`Failure`]
     pub fn load(&self) -> Result<Model, Failure> {
         self.untied(&load_model(&self.model)?)
     }
 
     /// Reads and compiles the model for the groups of the runs, and with the delays that their maps leave free.
-    pub fn load_for(&self, records: &Records) -> Result<Model, Failure> {
+    pub(crate) fn load_for(&self, records: &Records) -> Result<Model, Failure> {
         let model = records.grouped(&load_model(&self.model)?)?;
         self.untied(&records.with_free_delays(&model)?)
     }
 
     /// A model with the ties switched off that were named.
+    ///
+    /// # Errors
+    /// [`Failure`]
     pub fn untied(&self, model: &Model) -> Result<Model, Failure> {
         model.untied(&self.untie).or_failure()
     }
 
     /// The model with the values that were typed.
+    ///
+    /// # Errors
+    /// [`Failure`]
     pub fn load_changed(&self, estimated: &Estimated) -> Result<Model, Failure> {
         with_changes(&self.load()?, &self.changes(estimated))
     }
@@ -103,6 +112,9 @@ pub struct ModelOrResult {
 
 impl ModelOrResult {
     /// The model, and the result when one was named; values that were typed are not in the model yet.
+    ///
+    /// # Errors
+    /// [`Failure`]
     pub fn load(&self) -> Result<(Model, Option<ResultFolder>), Failure> {
         match (&self.from_result, &self.model) {
             (Some(folder), model) => {
@@ -129,13 +141,16 @@ impl ModelOrResult {
     }
 
     /// The model with the values that were typed.
+    ///
+    /// # Errors
+    /// [`Failure`]
     pub fn changed(&self, model: &Model) -> Result<Model, Failure> {
         with_changes(model, &Changes { set: self.set.clone(), ..Changes::default() })
     }
 }
 
 /// Reads and compiles a model; warnings go to standard error.
-pub fn load_model(file: &Path) -> Result<Model, Failure> {
+pub(crate) fn load_model(file: &Path) -> Result<Model, Failure> {
     let model = Model::from_file(file)?;
     refuse_foreign_code(&model).or_failure()?;
     tell(model.source(), model.warnings());
@@ -143,6 +158,9 @@ pub fn load_model(file: &Path) -> Result<Model, Failure> {
 }
 
 /// A model with these changes of its parameters.
+///
+/// # Errors
+/// [`Failure`]
 pub fn with_changes(model: &Model, changes: &Changes) -> Result<Model, Failure> {
     let mut params = model.definition().params.clone();
     changes.apply(&mut params).map_err(Failure::input)?;
@@ -150,6 +168,9 @@ pub fn with_changes(model: &Model, changes: &Changes) -> Result<Model, Failure> 
 }
 
 /// Opens a result and its model; a model that is given beside it must be the same.
+///
+/// # Errors
+/// [`Failure`]
 pub fn open_result(folder: &Path, beside: Option<&Path>) -> Result<(ResultFolder, Model), Failure> {
     let folder = ResultFolder::open(folder).or_failure()?;
     let model = folder.model()?;

@@ -18,7 +18,7 @@ use fdm_system::Model;
 /// Draws where nothing else is said.
 const DRAWS: u32 = 1000;
 /// Their seed.
-pub const SEED: u64 = 1;
+pub(crate) const SEED: u64 = 1;
 
 /// What is asked of a result.
 #[derive(Debug, Args)]

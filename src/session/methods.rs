@@ -31,7 +31,7 @@ const METHODS: [(&str, Method, &str); 4] = [
 ];
 
 /// What `--domain` takes.
-pub const DOMAINS: [(&str, Domain, &str); 2] = [
+pub(crate) const DOMAINS: [(&str, Domain, &str); 2] = [
     ("time", Domain::Time, "Samples in time"),
     ("frequency", Domain::Frequency, "Spectra of the records, at their frequency bins"),
 ];
@@ -103,15 +103,10 @@ fn smooth_by(text: &str) -> Result<SmoothBy, String> {
 pub struct Start {
     /// Where the iteration begins [default: model; in the frequency domain equation-error]
     #[arg(long, value_name = "START", value_parser = one_of(&STARTS), hide_short_help = true)]
-    start_values: Option<StartValues>,
+    pub(crate) start_values: Option<StartValues>,
 }
 
 impl Start {
-    /// What was typed.
-    pub fn typed(&self) -> Option<StartValues> {
-        self.start_values
-    }
-
     /// The options that were given.
     pub fn given(&self) -> Vec<&'static str> {
         given(&[("--start-values", self.start_values.is_some())])
@@ -136,6 +131,9 @@ pub struct Question {
 
 impl Methods {
     /// What is asked for, unless it cannot be combined with itself or with the other options that were given.
+    ///
+    /// # Errors
+    /// [`Failure`]
     pub fn question(&self, others: &[&'static str]) -> Result<Question, Failure> {
         let usual = if self.method == Method::FrequencyResponse { Domain::Frequency } else { Domain::Time };
         let question = Question {
@@ -158,7 +156,7 @@ impl Methods {
 
     /// Where the iteration begins, when that was said.
     pub fn start(&self) -> Option<StartValues> {
-        self.start.typed()
+        self.start.start_values
     }
 
     /// The options of an estimation with this noise.

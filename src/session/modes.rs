@@ -41,7 +41,7 @@ pub fn answer(asked: &Options, wanted: Wanted) -> Result<Answer, Failure> {
 ///
 /// # Errors
 /// [`Failure`]
-pub fn of_model(model: &Model, covariance: Option<&[f64]>, wanted: Wanted) -> Result<Answer, Failure> {
+pub(crate) fn of_model(model: &Model, covariance: Option<&[f64]>, wanted: Wanted) -> Result<Answer, Failure> {
     let (trim, modes) = modes(model)?;
     let errors = covariance.map_or(Vec::new(), |covariance| errors(model, &modes, covariance));
     let (text, document) =
@@ -117,7 +117,7 @@ pub fn of_result(model: &Model, result: &ResultDocument, runs: &[String]) -> Opt
 }
 
 /// Whether a parameter of single runs has a part in the linear model's rates.
-pub fn own_parameters_move_rates(model: &Model) -> Result<bool, Failure> {
+pub(crate) fn own_parameters_move_rates(model: &Model) -> Result<bool, Failure> {
     let linear = LinearModel::new(model).or_failure()?;
     let s = linear.structure();
     let of_rates = |k: &u32| (s.terms[*k as usize].row as usize) < s.states;

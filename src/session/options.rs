@@ -21,10 +21,10 @@ pub struct Integration {
     steps: Option<NonZeroUsize>,
     /// Integration scheme: `auto` takes Radau for stiff models
     #[arg(long, value_name = "SCHEME", value_parser = one_of(&INTEGRATORS), default_value = "auto", hide_short_help = true)]
-    integrator: ChosenScheme,
+    pub(crate) integrator: ChosenScheme,
     /// Integration error that is of no consequence, as a part of each output's range [default: 1e-8]
     #[arg(long, value_name = "A", value_parser = accuracy, allow_negative_numbers = true, conflicts_with = "steps", hide_short_help = true)]
-    integration_accuracy: Option<f64>,
+    pub(crate) integration_accuracy: Option<f64>,
 }
 
 /// A part of an output's range.
@@ -47,25 +47,15 @@ const INTEGRATORS: [(&str, ChosenScheme, &str); 3] = [
 const NEGLIGIBLE: f64 = 1e-8;
 
 impl Integration {
-    /// The scheme that was asked for.
-    pub fn scheme(&self) -> Option<Scheme> {
-        self.integrator
-    }
-
     /// The number of steps between samples that was asked for.
     pub fn per_interval(&self) -> Option<usize> {
         self.steps.map(NonZeroUsize::get)
     }
 
-    /// The integration error that was said to be of no consequence.
-    pub fn accuracy(&self) -> Option<f64> {
-        self.integration_accuracy
-    }
-
     /// The options of a fit with these among them.
     pub fn among(&self, options: FitOptions) -> FitOptions {
-        let (per_interval, scheme, accuracy) = (self.per_interval(), self.scheme(), self.accuracy());
-        FitOptions { per_interval, scheme, accuracy, ..options }
+        let (scheme, accuracy) = (self.integrator, self.integration_accuracy);
+        FitOptions { per_interval: self.per_interval(), scheme, accuracy, ..options }
     }
 
     /// The options that were given.
@@ -73,14 +63,14 @@ impl Integration {
         given(&[
             ("--steps", self.steps.is_some()),
             ("--integration-accuracy", self.integration_accuracy.is_some()),
-            ("--integrator runge-kutta", self.scheme() == Some(Scheme::RungeKutta)),
-            ("--integrator radau", self.scheme() == Some(Scheme::Radau)),
+            ("--integrator runge-kutta", self.integrator == Some(Scheme::RungeKutta)),
+            ("--integrator radau", self.integrator == Some(Scheme::Radau)),
         ])
     }
 
     /// Scheme, steps and integration error of a run, in words; a stiff model is called so where the scheme was chosen for it.
     pub fn said(&self, accuracy: &Accuracy) -> String {
-        let said = integration(accuracy, self.steps.is_none() && self.scheme().is_none());
+        let said = integration(accuracy, self.steps.is_none() && self.integrator.is_none());
         match accuracy.error / NEGLIGIBLE {
             lost if self.steps.is_some() && lost.is_finite() && lost >= 10.0 => {
                 format!("{said}: {lost:.0e} times what steps that are chosen (without --steps) keep to")
@@ -242,7 +232,7 @@ impl DiagnosedSpectra {
 
     /// The options of the fits.
     pub fn options(&self) -> SpectralOptions {
-        FitOptions { frequency: self.spectra.options(self.start.typed()), ..FitOptions::default() }.of_spectra()
+        FitOptions { frequency: self.spectra.options(self.start.start_values), ..FitOptions::default() }.of_spectra()
     }
 }
 

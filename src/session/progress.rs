@@ -103,7 +103,7 @@ impl Progress {
     }
 
     /// Shows how the cost falls.
-    pub fn watching(&mut self, wanted: bool) {
+    pub(crate) fn watching(&mut self, wanted: bool) {
         self.costs = wanted.then(Vec::new);
     }
 
@@ -282,7 +282,7 @@ impl RepeatProgress {
     }
 
     /// Keeps what came of every repeat for others to read.
-    pub fn remembering(&mut self) -> RepeatsSoFar {
+    pub(crate) fn remembering(&mut self) -> RepeatsSoFar {
         let so_far = RepeatsSoFar(Arc::new(Mutex::new(Ended { repeats: vec![None; self.count], first: None })));
         self.so_far = Some(so_far.clone());
         so_far

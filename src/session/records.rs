@@ -56,11 +56,17 @@ impl RunList {
     }
 
     /// The table, where one is given.
+    ///
+    /// # Errors
+    /// [`Failure`]
     pub fn table(&self) -> Result<Option<RunTable>, Failure> {
         self.runs.as_deref().map(RunTable::read).transpose()
     }
 
     /// The model for the groups of the table and of `--group`.
+    ///
+    /// # Errors
+    /// [`Failure`]
     pub fn grouped(&self, model: &Model, selection: &Selection) -> Result<Model, Failure> {
         let mut groups = self.table()?.map(|table| table.groups(model)).unwrap_or_default();
         for grouping in model.groupings() {
@@ -72,6 +78,9 @@ impl RunList {
     }
 
     /// The files of the table, or those of `--data`, which are all of one role.
+    ///
+    /// # Errors
+    /// [`Failure`]
     pub fn files(
         &self,
         (data, role): (&[PathBuf], Role),
@@ -127,10 +136,10 @@ pub struct Selection {
     ///
     /// It names fields of a log or columns, with unit, sign, scale, hold and delay.
     #[arg(long, value_name = "MAP", value_parser = map_file, requires = "recorded")]
-    map_file: Option<RecordMap>,
+    pub(crate) map_file: Option<RecordMap>,
     /// Use what can be read of a damaged log; what is lost is said
     #[arg(long, requires = "recorded", hide_short_help = true)]
-    salvage: bool,
+    pub(crate) salvage: bool,
     /// Use the record from this time on, in the file's unit
     #[arg(long, value_parser = number, value_name = "TIME", allow_negative_numbers = true, requires = "recorded")]
     from: Option<f64>,
@@ -174,6 +183,9 @@ pub struct Selection {
 
 impl Records {
     /// The model for the groups of the runs.
+    ///
+    /// # Errors
+    /// [`Failure`]
     pub fn grouped(&self, model: &Model) -> Result<Model, Failure> {
         self.list.grouped(model, &self.selection)
     }
@@ -199,6 +211,9 @@ impl Records {
     }
 
     /// The files of the runs of a role; of those that `--data` names all are.
+    ///
+    /// # Errors
+    /// [`Failure`]
     pub fn files(&self, role: Role, options: &ReadOptions, model: &Model) -> Result<Vec<RecordFile>, Failure> {
         let of_list = self.list.runs.is_some();
         let mut files = self.list.files((&self.data, role), options, model)?;
@@ -210,17 +225,23 @@ impl Records {
     }
 
     /// The files of all runs, whatever their role.
+    ///
+    /// # Errors
+    /// [`Failure`]
     pub fn every(&self, options: &ReadOptions, model: &Model) -> Result<Vec<RecordFile>, Failure> {
         self.list.files((&self.data, Role::Fit), options, model)
     }
 
     /// The paths of all runs where there is no model.
+    ///
+    /// # Errors
+    /// [`Failure`]
     pub fn paths(&self) -> Result<Vec<PathBuf>, Failure> {
         self.list.table()?.map_or_else(|| expanded(&self.data), |table| table.paths())
     }
 
     /// The files of a role in the table of runs; none where there is no table.
-    pub fn of_list(&self, role: Role, options: &ReadOptions, model: &Model) -> Result<Vec<RecordFile>, Failure> {
+    pub(crate) fn of_list(&self, role: Role, options: &ReadOptions, model: &Model) -> Result<Vec<RecordFile>, Failure> {
         if self.list.runs.is_some() { self.files(role, options, model) } else { Ok(Vec::new()) }
     }
 
@@ -239,7 +260,12 @@ impl Records {
     ///
     /// # Errors
     /// [`Failure`]; a run of both kinds too.
-    pub fn session_with_validation(&self, model: Model, named: &[PathBuf], quiet: bool) -> Result<Session, Failure> {
+    pub(crate) fn session_with_validation(
+        &self,
+        model: Model,
+        named: &[PathBuf],
+        quiet: bool,
+    ) -> Result<Session, Failure> {
         let options = self.selection.options(true);
         let mut validation = self.of_list(Role::Validation, &options, &model)?;
         let one = |path| RecordFile { path, name: None, role: Role::Validation, options: options.clone() };
@@ -248,7 +274,7 @@ impl Records {
     }
 
     /// Refuses runs with a beginning of their own where nothing is simulated from it.
-    pub fn refuse_begin(&self, model: &Model) -> Result<(), Failure> {
+    pub(crate) fn refuse_begin(&self, model: &Model) -> Result<(), Failure> {
         let files = self.every(&self.selection.options(true), model)?;
         if files.iter().all(|file| file.options.beginning().is_none()) {
             return Ok(());
@@ -258,7 +284,7 @@ impl Records {
     }
 
     /// Says how many runs of the table are left aside.
-    pub fn say_left(&self, model: &Model, quiet: bool) -> Result<(), Failure> {
+    pub(crate) fn say_left(&self, model: &Model, quiet: bool) -> Result<(), Failure> {
         let left = self.of_list(Role::Validation, &self.selection.options(true), model)?.len();
         if left > 0 && !quiet {
             remark(format_args!("note: {left} run(s) of --runs have the role `validation` and are left aside"));
@@ -321,16 +347,6 @@ impl Records {
 }
 
 impl Selection {
-    /// Whether what can be read of damaged logs is used.
-    pub fn is_salvaged(&self) -> bool {
-        self.salvage
-    }
-
-    /// The map of the channels, where one was given.
-    pub fn map(&self) -> Option<&RecordMap> {
-        self.map_file.as_ref()
-    }
-
     /// How files are read; with `require_outputs` they must hold every output of the model, in one run at least.
     pub fn options(&self, require_outputs: bool) -> ReadOptions {
         ReadOptions {
@@ -396,6 +412,9 @@ pub fn told_apart(mut names: Vec<&mut String>, fitted: usize) {
 }
 
 /// Reads runs and says what a careful reader would mention about them.
+///
+/// # Errors
+/// [`Failure`]
 pub fn read_runs(files: &[RecordFile], model: &Model, elsewhere: &[bool], quiet: bool) -> Result<Vec<Run>, Failure> {
     let records = read_records(files, model, elsewhere)?;
     if !quiet {
@@ -406,7 +425,11 @@ pub fn read_runs(files: &[RecordFile], model: &Model, elsewhere: &[bool], quiet:
 
 /// Reads runs; the problems of all files are reported together. Runs are named after their files. Outputs that are measured `elsewhere`
 /// (q, or nothing) may be missing in all of them.
-pub fn read_records(files: &[RecordFile], model: &Model, elsewhere: &[bool]) -> Result<Vec<(Run, Summary)>, Failure> {
+pub(crate) fn read_records(
+    files: &[RecordFile],
+    model: &Model,
+    elsewhere: &[bool],
+) -> Result<Vec<(Run, Summary)>, Failure> {
     let channels = channels(model.definition());
     let each: Vec<(&Path, &ReadOptions)> = files.iter().map(|f| (f.path.as_path(), &f.options)).collect();
     let mut runs = read_each(&each, &channels, elsewhere).map_err(Failure::Records)?;
@@ -437,7 +460,7 @@ pub fn with_files(said: &str) -> String {
 }
 
 /// Runs whose files share a name are numbered.
-pub fn number_equal_names(runs: Vec<&mut Run>) {
+pub(crate) fn number_equal_names(runs: Vec<&mut Run>) {
     let names: Vec<String> = runs.iter().map(|run| run.name.clone()).collect();
     for (k, run) in runs.into_iter().enumerate() {
         if names.iter().filter(|n| **n == names[k]).count() > 1 {
@@ -447,7 +470,7 @@ pub fn number_equal_names(runs: Vec<&mut Run>) {
 }
 
 /// Says what a careful reader would mention about the records.
-pub fn say_notes(records: &[(Run, Summary)]) {
+pub(crate) fn say_notes(records: &[(Run, Summary)]) {
     let mut told: Vec<(String, Vec<&str>)> = Vec::new();
     for (run, summary) in records {
         for note in notes(summary) {

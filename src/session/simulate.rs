@@ -147,6 +147,9 @@ impl Options {
 }
 
 /// The files that a result was made from, unless they have changed since.
+///
+/// # Errors
+/// [`Failure`]
 pub fn fitted_runs(folder: &ResultFolder, like: Option<&str>, model: &Model) -> Result<Vec<Run>, Failure> {
     let manifest = folder.manifest();
     let wanted: Vec<&DataFile> = manifest.data.iter().filter(|d| like.is_none_or(|l| d.run == l)).collect();
@@ -221,13 +224,13 @@ pub fn respond<'a>(
 ) -> Result<Response<'a>, Failure> {
     let theta = theta(model, run, folder, asked)?;
     let unsuited = |e| Failure::input([format!("run `{}`: {e}", run.name)]);
-    let scheme = asked.integration.scheme();
+    let scheme = asked.integration.integrator;
     let dynamics = model.dynamics();
     let mut accuracy = match (asked.integration.per_interval(), asked.fitted_steps(&run.name, folder), scheme) {
         (Some(steps), ..) => Accuracy { steps: Steps::equal(scheme.unwrap_or_default(), steps), error: f64::NAN },
         (None, Some(fitted), None) => fitted,
         _ => {
-            let accuracy = asked.integration.accuracy();
+            let accuracy = asked.integration.integration_accuracy;
             let options = StepOptions { scheme, once: accuracy.is_none(), ..StepOptions::default() };
             choose_steps(dynamics, run, &theta, &options.to(accuracy)).map_err(unsuited)?
         }

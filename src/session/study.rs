@@ -187,7 +187,7 @@ pub(crate) fn refused(error: StudyError) -> Failure {
 ///
 /// # Errors
 /// [`Failure`]
-pub fn calibrate(asked: &Options, session: &Session, conduct: &mut Conduct) -> Result<Answer, Failure> {
+pub(crate) fn calibrate(asked: &Options, session: &Session, conduct: &mut Conduct) -> Result<Answer, Failure> {
     let options = asked.chosen(&session.model)?;
     let found = asked.calibrated(session, &options, &mut conduct.progress);
     conduct.progress.finish();

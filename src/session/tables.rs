@@ -42,7 +42,7 @@ pub fn histories<'a>(fit: &Fit, runs: &'a [Run]) -> Vec<TimeHistory<'a>> {
 
 /// One table for each run: time, inputs, and of every output what was measured, the response and the residual. The name of
 /// a file holds the name of its run as far as file systems allow.
-pub fn run_tables(fit: &Fit, runs: &[Run], bands: &[Option<Bands>]) -> Vec<NamedFile> {
+pub(crate) fn run_tables(fit: &Fit, runs: &[Run], bands: &[Option<Bands>]) -> Vec<NamedFile> {
     let table = |(k, (run, result)): (usize, (&Run, &RunFit))| {
         let bands = bands.get(k).and_then(Option::as_ref);
         (run_file(k, &run.name), run_table(fit, run, (&result.response, &result.residuals), bands))
@@ -72,7 +72,7 @@ fn run_table(fit: &Fit, run: &Run, (response, residuals): (&[f64], &[f64]), band
 }
 
 /// The table of a run of a diagnosis: time, and of every output what was measured, and the responses before and after.
-pub fn overlay_table(model: &Model, k: usize, overlay: &Overlay) -> NamedFile {
+pub(crate) fn overlay_table(model: &Model, k: usize, overlay: &Overlay) -> NamedFile {
     let definition = model.definition();
     let q = definition.outputs.len();
     let mut columns = vec![("t".to_string(), Some(definition.time.to_string()), overlay.time.clone())];
@@ -101,7 +101,7 @@ pub fn column(rows: &[f64], k: usize, width: usize) -> Vec<f64> {
 }
 
 /// The name of the file of the k-th run.
-pub fn run_file(k: usize, run: &str) -> String {
+pub(crate) fn run_file(k: usize, run: &str) -> String {
     const LONGEST: usize = 60;
     let kept = |c: char| if c.is_alphanumeric() || "-_.#".contains(c) { c } else { '_' };
     let plain: String = run.chars().take(LONGEST).map(kept).collect();

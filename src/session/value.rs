@@ -24,7 +24,7 @@ pub fn number(text: &str) -> Result<f64, String> {
 }
 
 /// A number above 0 as it is typed.
-pub fn positive(text: &str) -> Result<f64, String> {
+pub(crate) fn positive(text: &str) -> Result<f64, String> {
     let value = number(text)?;
     if value > 0.0 { Ok(value) } else { Err(format!("`{text}` is not above 0")) }
 }
