@@ -43,6 +43,11 @@ impl Conduct {
         Self { progress: self.progress.within(limit), ..self }
     }
 
+    /// For a part of the work that shows nothing, and ends with it.
+    pub(crate) fn aside(&self) -> Progress {
+        Progress::hidden(self.progress.halt(), Course::default())
+    }
+
     /// With what is said where the work was stopped, by the time or by an interrupt.
     pub(crate) fn ended(&self, answer: Answer) -> Answer {
         let mut answer = self.in_time(answer, "the result is the best so far");

@@ -11,8 +11,6 @@ use crate::methods::{Methods, Question, given};
 use crate::noise::MeasurementNoise;
 use crate::options::{FrequencyDomain, Integration, Strategies};
 use crate::outcome::{Outcome, names};
-use crate::progress::Progress;
-use crate::progress_file::Course;
 use crate::records::Records;
 use crate::regress::UNDETERMINED;
 use crate::session::Session;
@@ -200,7 +198,7 @@ impl Verb for Options {
         if fit.method != Method::OutputError || fit.domain != Domain::Time || fit.starts.count < 2 {
             return as_one_task(self, session, conduct, &identity, visit);
         }
-        let mut progress = Progress::hidden(conduct.progress.halt(), Course::default());
+        let mut progress = conduct.aside();
         let search = start_search(&session.model, &session.runs, &fit, &mut progress).or_failure()?;
         visit(&job::Starts(search), &identity)
     }

@@ -5,7 +5,10 @@ use crate::methods::{Start, given};
 use crate::value::{band, number};
 use crate::word::one_of;
 use clap::Args;
-use fdm_estimate::{Continuation, FitOptions, FrequencyOptions, Nonlinear, Shooting, SpectralOptions, StartValues};
+use fdm_estimate::{
+    Changes, Continuation, FitOptions, FrequencyOptions, Noise, Nonlinear, Options, Shooting, SpectralOptions,
+    StartValues,
+};
 use fdm_lab::study::Colour;
 use fdm_system::frequency::EndTerms;
 use fdm_system::simulate::{Accuracy, Scheme};
@@ -56,6 +59,12 @@ impl Integration {
     pub fn among(&self, options: FitOptions) -> FitOptions {
         let (scheme, accuracy) = (self.integrator, self.integration_accuracy);
         FitOptions { per_interval: self.per_interval(), scheme, accuracy, ..options }
+    }
+
+    /// The options of a plain fit with these changes and this noise.
+    pub(crate) fn plain(&self, changes: Changes, noise: Noise) -> FitOptions {
+        let options = Options { noise, ..Options::default() };
+        self.among(FitOptions { changes, options, ..FitOptions::default() })
     }
 
     /// The options that were given.

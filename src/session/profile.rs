@@ -9,15 +9,13 @@ use crate::halt::TimeLimit;
 use crate::load::{Estimated, ModelFile};
 use crate::noise::MeasurementNoise;
 use crate::options::Integration;
-use crate::progress::Progress;
-use crate::progress_file::Course;
 use crate::records::Records;
 use crate::session::Session;
 use crate::study::refused;
 use crate::value::number;
 use crate::verb::{Given, Verb, Visit};
 use clap::Args;
-use fdm_estimate::{CheckpointStore, Fit, FitOptions, Options as Estimation, Status, fit_kept};
+use fdm_estimate::{CheckpointStore, Fit, FitOptions, Status, fit_kept};
 use fdm_lab::job;
 use fdm_lab::study::{End, Profile, Profiler, StudyError};
 use fdm_report::page::profile_page;
@@ -115,7 +113,7 @@ impl Verb for Options {
     ) -> Result<(), Failure> {
         let options = self.chosen(model)?;
         let halt = conduct.progress.halt();
-        let mut progress = Progress::hidden(halt.clone(), Course::default());
+        let mut progress = conduct.aside();
         let found = fit_kept(model, runs, &options, Some(states), &mut progress).or_failure()?;
         let goes_on = || halt.goes_on();
         let profiler = Profiler::new(&found, runs, &options, &goes_on).map_err(refused)?.with_rise(self.rise);
@@ -127,11 +125,7 @@ impl Verb for Options {
 
 impl Options {
     fn chosen(&self, model: &Model) -> Result<FitOptions, Failure> {
-        Ok(self.integration.among(FitOptions {
-            changes: self.model.changes(&self.estimated),
-            options: Estimation { noise: self.noise.of(model)?, ..Estimation::default() },
-            ..FitOptions::default()
-        }))
+        Ok(self.integration.plain(self.model.changes(&self.estimated), self.noise.of(model)?))
     }
 
     /// The parameters that are profiled.

@@ -11,13 +11,12 @@ use crate::noise::MeasurementNoise;
 use crate::options::{Integration, Repeats};
 use crate::outcome::{Outcome, names};
 use crate::progress::{Progress, RepeatProgress};
-use crate::progress_file::Course;
 use crate::records::Records;
 use crate::session::Session;
 use crate::tables::title;
 use crate::verb::{Given, Verb, Visit};
 use clap::Args;
-use fdm_estimate::{CheckpointStore, Fit, FitOptions, Options as Estimation, fit_kept};
+use fdm_estimate::{CheckpointStore, Fit, FitOptions, fit_kept};
 use fdm_lab::job;
 use fdm_lab::posterior::{Calibration, Posterior, Ranks, SampleError, Sampling, calibrated, sample};
 use fdm_lab::requirement::Draws;
@@ -170,7 +169,7 @@ impl Verb for Options {
         }
         let options = self.chosen(&session.model)?;
         let identity = self.identity(session, &options)?;
-        let mut progress = Progress::hidden(conduct.progress.halt(), Course::default());
+        let mut progress = conduct.aside();
         let first = fit_kept(&session.model, &session.runs, &options, Some(states), &mut progress).or_failure()?;
         let bootstrap = self.bootstrap(&first, session, &options)?.map_err(refused)?;
         let once = |k: u64, watch: &dyn Watch| bootstrap.once(k, watch);
@@ -271,11 +270,7 @@ impl Options {
     }
 
     fn chosen(&self, model: &Model) -> Result<FitOptions, Failure> {
-        Ok(self.integration.among(FitOptions {
-            changes: self.model.changes(&self.estimated),
-            options: Estimation { noise: self.noise.of(model)?, ..Estimation::default() },
-            ..FitOptions::default()
-        }))
+        Ok(self.integration.plain(self.model.changes(&self.estimated), self.noise.of(model)?))
     }
 
     fn colour(&self) -> Result<Colour, Failure> {
