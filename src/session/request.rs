@@ -15,7 +15,7 @@ use crate::failure::OrFailure;
 use crate::halt::Halt;
 use crate::progress_file::Course;
 use crate::records::{Records, notes, read_records, record};
-use crate::session::Session;
+use crate::session::{Origin, Session};
 use crate::verb::Verb;
 use crate::{
     check as checks, design as designs, diagnose as diagnoses, doctor as doctors, effects as catalogues, fit as fits,
@@ -54,7 +54,7 @@ pub struct Held<'h> {
 impl Held<'_> {
     /// Model and runs as the command line would name them.
     fn named(&self) -> Vec<String> {
-        named(self.model, self.records.iter())
+        named(self.model, self.records.iter().map(|r| (&r.run, &r.origin)))
     }
 
     /// The runs, of a model for them.
@@ -73,17 +73,17 @@ impl Held<'_> {
         let conduct = watch.conduct(wanted).within(given.limit);
         let model = given.model.untied(self.model)?;
         let session = self.session(model).judged(given.records.strict, true)?;
-        let records = session.records();
-        let command = ["fdm", verb].map(String::from).into_iter().chain(named(&session.model, records.iter()));
-        let session = session.of_command(command.chain(words).collect());
-        Ok((options, session, conduct))
+        let named = named(&session.model, session.fitted());
+        let command = ["fdm", verb].map(String::from).into_iter().chain(named).chain(words);
+        Ok((options, session.of_command(command.collect()), conduct))
     }
 }
 
-fn named<'r>(model: &Model, records: impl Iterator<Item = &'r Record>) -> Vec<String> {
-    let data = records.map(|r| match &r.origin.source {
+/// A model and runs as the command line would name them.
+fn named<'r>(model: &Model, runs: impl Iterator<Item = (&'r Run, &'r Origin)>) -> Vec<String> {
+    let data = runs.map(|(run, origin)| match &origin.source {
         Some(source) => format!("--data={}", source.file.path.display()),
-        None => format!("--data={}", r.run.name),
+        None => format!("--data={}", run.name),
     });
     std::iter::once(model.source().name().to_string()).chain(data).collect()
 }

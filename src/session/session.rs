@@ -99,10 +99,14 @@ impl Session {
         self.runs.iter().chain(&self.validation).zip(self.origins.iter().map(|origin| origin.summary.as_ref()))
     }
 
+    /// The runs that are fitted, and where they come from.
+    pub(crate) fn fitted(&self) -> impl Iterator<Item = (&Run, &Origin)> {
+        self.runs.iter().zip(&self.origins)
+    }
+
     /// The runs that are fitted, as records.
     pub fn records(&self) -> Vec<Record> {
-        let record = |(run, origin): (&Run, &Origin)| Record { run: run.clone(), origin: origin.clone() };
-        self.runs.iter().zip(&self.origins).map(record).collect()
+        self.fitted().map(|(run, origin)| Record { run: run.clone(), origin: origin.clone() }).collect()
     }
 
     /// The files of all runs that were read from some, the fitted ones first.
