@@ -12,7 +12,7 @@ pub mod example;
 pub use fdm_cli::language_server as lsp;
 #[cfg(feature = "cli")]
 #[doc(hidden)]
-pub use fdm_cli::{main_with, request};
+pub use fdm_cli::main_with;
 #[cfg(feature = "discover")]
 pub use fdm_discover as diagnose;
 #[cfg(feature = "discover")]
@@ -32,6 +32,9 @@ pub use fdm_report as report;
 pub use fdm_report::page;
 #[cfg(feature = "report")]
 pub use fdm_results::{comparison, documents, store};
+#[cfg(feature = "cli")]
+#[doc(hidden)]
+pub use fdm_session::request;
 #[doc(hidden)]
 pub use fdm_system::{NotTied, read_source};
 pub use fdm_system::{code, dynamics, frequency, linear, record, simulate, spectrum};

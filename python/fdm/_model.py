@@ -413,7 +413,8 @@ class Model:
 
         of = Campaign.of(self, runs, options=options)
         with telling(progress, f"calibration of {self.name}") as tell:
-            return Calibration._of(_fdm.calibrate(of.model._m, of.records, words({"repeats": repeats, "seed": seed, **options}), tell))
+            asked = words({"calibration": True, "repeats": repeats, "seed": seed, **options})
+            return Calibration._of(_fdm.ask("study", of.model._m, of.records, asked, tell))
 
     def profile(
         self,
@@ -429,7 +430,7 @@ class Model:
         of = Campaign.of(self, runs, options=options)
         with telling(progress, f"profiling {self.name}") as tell:
             asked = words({"parameter": parameter, **options})
-            made = _fdm.profile(of.model._m, of.records, asked, tell)
+            made = _fdm.ask("profile", of.model._m, of.records, asked, tell)
         return Profiles._of(made)
 
     def design(

@@ -1,7 +1,7 @@
 //! What is refused, as the exceptions of `fdm._errors`: each carries text, code and place.
 
 use fdm::record::{RecordError, RunError};
-use fdm::request::Refusal;
+use fdm::request::Failure;
 use fdm::{Diagnostic, ModelError};
 use pyo3::exceptions::{PyKeyboardInterrupt, PyRuntimeError};
 use pyo3::prelude::*;
@@ -30,15 +30,17 @@ pub(crate) fn numbers(py: Python<'_>, reason: String) -> PyErr {
 }
 
 /// A request that came to nothing.
-pub(crate) fn refused(py: Python<'_>, refusal: Refusal) -> PyErr {
-    match refusal {
-        Refusal::Words { said, unknown: Some(option) } => raised(py, "UnknownOption", (said, option)),
-        Refusal::Words { said, unknown: None } => raised(py, "OptionError", (said,)),
-        Refusal::Model(error) => model(py, &error),
-        Refusal::Records(errors) => records(py, &errors),
-        Refusal::Input(reasons) => input(py, reasons),
-        Refusal::Numbers(reason) => numbers(py, reason),
-        Refusal::Stopped => PyKeyboardInterrupt::new_err("stopped before there was a result"),
+pub(crate) fn refused(py: Python<'_>, failure: Failure) -> PyErr {
+    match failure {
+        Failure::Words { said, unknown: Some(option) } => raised(py, "UnknownOption", (said, option)),
+        Failure::Words { said, unknown: None } => raised(py, "OptionError", (said,)),
+        Failure::Model(error) => model(py, &error),
+        Failure::Records(errors) => records(py, &errors),
+        Failure::Input(reasons) => input(py, reasons),
+        Failure::Numbers(said) | Failure::Astray { said, .. } => numbers(py, said),
+        Failure::Strict => numbers(py, "the records have findings, and `strict` refuses to go on".into()),
+        Failure::Unwritten(file) => numbers(py, file.to_string()),
+        Failure::Stopped(_) => PyKeyboardInterrupt::new_err("stopped before there was a result"),
     }
 }
 

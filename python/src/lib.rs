@@ -37,8 +37,8 @@ mod _fdm {
     use super::residuals::Residuals;
     #[pymodule_export]
     use super::results::{
-        Doctor, Fit, calibrate, design, diagnose, doctor, doctor_alone, fit, margins, profile, sample, simulate,
-        spectra, study, validate,
+        Doctor, Fit, ask, design, diagnose, doctor, doctor_alone, fit, margins, sample, simulate, spectra, study,
+        validate,
     };
     #[pymodule_export]
     use super::work::{set_threads, threads};

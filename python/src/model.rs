@@ -54,9 +54,9 @@ pub(crate) struct Answer {
 
 impl Answer {
     pub(crate) fn new(py: Python<'_>, told: Told, interrupted: bool) -> Self {
-        let Told { text, json, files, good } = told;
+        let Told { text, json, files, good, .. } = told;
         let files = files.into_iter().map(|(name, content)| (name, PyBytes::new(py, &content).unbind())).collect();
-        Self { text, json, good, interrupted, files }
+        Self { text, json: json.unwrap_or_default(), good, interrupted, files }
     }
 }
 
@@ -366,7 +366,7 @@ impl Model {
     fn told(
         &self,
         py: Python<'_>,
-        ask: impl FnOnce(&fdm::Model) -> Result<Told, request::Refusal> + Send,
+        ask: impl FnOnce(&fdm::Model) -> Result<Told, request::Failure> + Send,
     ) -> PyResult<Answer> {
         let told = py.detach(|| ask(&self.model)).map_err(|e| refused(py, e))?;
         Ok(Answer::new(py, told, false))

@@ -5,7 +5,7 @@ use crate::model::Files;
 use fdm::ResultFolder;
 use fdm::page;
 use fdm::report::page::{Paper, Subject, drawings};
-use fdm::request::Refusal;
+use fdm::request::Failure;
 use fdm::store::{Destination, whole_files};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
@@ -51,6 +51,6 @@ pub(crate) fn write(py: Python<'_>, folder: PathBuf, files: Files, force: bool) 
 /// The files of a result folder, every one of them as it was written.
 #[pyfunction]
 pub(crate) fn open(py: Python<'_>, folder: PathBuf) -> PyResult<Vec<(String, Py<PyBytes>)>> {
-    let files = py.detach(|| whole_files(&folder)).map_err(|e| refused(py, Refusal::Input(vec![e.to_string()])))?;
+    let files = py.detach(|| whole_files(&folder)).map_err(|e| refused(py, Failure::Input(vec![e.to_string()])))?;
     Ok(files.into_iter().map(|(name, content)| (name, PyBytes::new(py, &content).unbind())).collect())
 }

@@ -4,7 +4,7 @@ use crate::errors::refused;
 use crate::model::{Answer, Files, Model};
 use crate::records::{Record, all, rows};
 use crate::work::watched;
-use fdm::request::{self, Fitted, Judged};
+use fdm::request::{self, Field, Fitted, Held, Judged, Topic};
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
@@ -19,11 +19,6 @@ pub(crate) struct Fit {
     fitted: Fitted,
     #[pyo3(get)]
     interrupted: bool,
-}
-
-/// Names and contents as Python has them.
-fn files_of(py: Python<'_>, files: Files) -> Vec<(String, Py<PyBytes>)> {
-    files.into_iter().map(|(name, content)| (name, PyBytes::new(py, &content).unbind())).collect()
 }
 
 /// Times (N), measurement, response and residuals (N by q each) of a run of a fit.
@@ -43,35 +38,35 @@ impl Fit {
     /// The model with the changes that were asked for.
     #[getter]
     fn model(&self) -> Model {
-        Model { model: self.fitted.model().clone() }
+        Model { model: self.fitted.found.model().clone() }
     }
 
     /// Whether it converged, the data determine every parameter, and no integration error falsifies that.
     #[getter]
     fn good(&self) -> bool {
-        self.fitted.is_good()
+        self.fitted.answer.good
     }
 
     /// What the command prints, and what it says behind that.
     fn text(&self) -> (String, Vec<String>) {
-        self.fitted.text()
+        (self.fitted.answer.text.clone(), self.fitted.answer.remarks.clone())
     }
 
     /// The runs that were fitted.
     fn records(&self) -> Vec<Record> {
-        self.fitted.records().iter().map(|record| Record { record: record.clone() }).collect()
+        self.fitted.session.records().into_iter().map(|record| Record { record }).collect()
     }
 
     /// The files that `fdm fit --out` writes.
-    fn files(&self, py: Python<'_>) -> PyResult<Vec<(String, Py<PyBytes>)>> {
-        let files = py.detach(|| self.fitted.files()).map_err(|e| refused(py, e))?;
-        Ok(files_of(py, files))
+    fn files(&self, py: Python<'_>) -> Vec<(String, Py<PyBytes>)> {
+        let file = |(name, content): &(String, Vec<u8>)| (name.clone(), PyBytes::new(py, content).unbind());
+        self.fitted.answer.files.iter().map(file).collect()
     }
 
     /// Histories of every run; none without simulation.
     fn histories<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyDict>>> {
-        let found = self.fitted.in_time().map_or(&[][..], |fit| &fit.estimate.runs);
-        self.fitted.runs().iter().zip(found).map(|(run, found)| history(py, run, found)).collect()
+        let found = self.fitted.found.in_time().map_or(&[][..], |fit| &fit.estimate.runs);
+        self.fitted.session.runs.iter().zip(found).map(|(run, found)| history(py, run, found)).collect()
     }
 }
 
@@ -86,7 +81,8 @@ pub(crate) fn fit(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Fit> {
     let (records, validation) = (all(&records), all(&validation));
-    let work = |watch: &request::Watch| request::fit(&model.model, records, validation, &words, watch);
+    let work =
+        |watch: &request::Watch| request::fit(Held { model: &model.model, records, validation, words: &words }, watch);
     let (found, interrupted) = watched(py, progress, work)?;
     Ok(Fit { fitted: found.map_err(|e| refused(py, e))?, interrupted })
 }
@@ -103,7 +99,7 @@ pub(crate) fn validate<'py>(
     let runs: Vec<fdm::Run> = all(&records).into_iter().map(|r| r.run).collect();
     let (found, interrupted) = watched(py, progress, |watch| request::validate(&files, &model.model, &runs, watch))?;
     if interrupted {
-        return Err(refused(py, request::Refusal::Stopped));
+        return Err(refused(py, request::Failure::Stopped(String::new())));
     }
     let found = found.map_err(|e| refused(py, e))?;
     let document = fdm::FitDocument::of(&found);
@@ -131,7 +127,9 @@ pub(crate) fn diagnose<'py>(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<(Answer, Option<String>, Vec<Bound<'py, PyDict>>)> {
     let (records, validation) = (all(&records), all(&validation));
-    let work = |watch: &request::Watch| request::diagnose(&model.model, records, validation, &words, watch);
+    let work = |watch: &request::Watch| {
+        request::diagnose(Held { model: &model.model, records, validation, words: &words }, watch)
+    };
     let (found, interrupted) = watched(py, progress, work)?;
     let (answer, found) = found.map_err(|e| refused(py, e))?;
     let q = model.model.layout().outputs;
@@ -157,18 +155,23 @@ pub(crate) fn study<'py>(
     words: Vec<String>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<(Answer, Columns<'py>)> {
-    let records = all(&records);
-    let (found, interrupted) = watched(py, progress, |watch| request::study(&model.model, records, &words, watch))?;
+    let held = held(model, &records, &words);
+    let (found, interrupted) = watched(py, progress, |watch| request::study(held, watch))?;
     let (answer, repeats) = found.map_err(|e| refused(py, e))?;
-    let columns = repeats.columns.into_iter().map(|(name, values)| (name, PyArray1::from_vec(py, values))).collect();
+    let columns = repeats.into_iter().map(|(name, values)| (name, PyArray1::from_vec(py, values))).collect();
     Ok((Answer::new(py, answer, interrupted), columns))
+}
+
+/// A model and runs, and what is asked of them.
+fn held<'h>(model: &'h Model, records: &[Py<Record>], words: &'h [String]) -> Held<'h> {
+    Held { model: &model.model, records: all(records), validation: Vec::new(), words }
 }
 
 /// What work says that can be watched and stopped.
 fn answered(
     py: Python<'_>,
     progress: Option<Py<PyAny>>,
-    work: impl FnOnce(&request::Watch) -> Result<request::Answer, request::Refusal> + Send,
+    work: impl FnOnce(&request::Watch) -> Result<request::Answer, request::Failure> + Send,
 ) -> PyResult<Answer> {
     let (found, interrupted) = watched(py, progress, work)?;
     Ok(Answer::new(py, found.map_err(|e| refused(py, e))?, interrupted))
@@ -187,30 +190,18 @@ pub(crate) fn sample(
     answered(py, progress, |watch| request::sample(&files, records, &words, watch))
 }
 
-/// `fdm study --calibration`.
+/// What a verb answers: `profile`, or `study` with `--calibration`.
 #[pyfunction]
-pub(crate) fn calibrate(
+pub(crate) fn ask(
     py: Python<'_>,
+    verb: &str,
     model: &Model,
     records: Vec<Py<Record>>,
     words: Vec<String>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Answer> {
-    let records = all(&records);
-    answered(py, progress, |watch| request::calibrate(&model.model, records, &words, watch))
-}
-
-/// `fdm profile`.
-#[pyfunction]
-pub(crate) fn profile(
-    py: Python<'_>,
-    model: &Model,
-    records: Vec<Py<Record>>,
-    words: Vec<String>,
-    progress: Option<Py<PyAny>>,
-) -> PyResult<Answer> {
-    let records = all(&records);
-    answered(py, progress, |watch| request::profile(&model.model, records, &words, watch))
+    let held = held(model, &records, &words);
+    answered(py, progress, |watch| request::ask(verb, held, watch))
 }
 
 /// `fdm design`, with the inputs of the planned runs as files.
@@ -223,15 +214,15 @@ pub(crate) fn design(
     words: Vec<String>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Answer> {
-    let records = all(&records);
-    answered(py, progress, |watch| request::design(&model.model, records, result.as_deref(), &words, watch))
+    let held = held(model, &records, &words);
+    answered(py, progress, |watch| request::design(held, result.as_deref(), watch))
 }
 
 /// `fdm spectra`.
 #[pyfunction]
 pub(crate) fn spectra(py: Python<'_>, model: &Model, records: Vec<Py<Record>>, words: Vec<String>) -> PyResult<Answer> {
-    let records = all(&records);
-    let found = py.detach(|| request::spectra(&model.model, records, &words));
+    let held = held(model, &records, &words);
+    let found = py.detach(|| request::spectra(held));
     Ok(Answer::new(py, found.map_err(|e| refused(py, e))?, false))
 }
 
@@ -252,34 +243,34 @@ pub(crate) fn simulate<'py>(
 /// What `fdm doctor` finds.
 #[pyclass(frozen, module = "fdm._fdm")]
 pub(crate) struct Doctor {
-    judged: Judged,
+    /// What was found, what is told of it, and the map with the repairs.
+    judged: (Judged, request::Answer, String),
     interrupted: bool,
 }
 
 #[pymethods]
 impl Doctor {
     /// What is printed.
-    fn answer(&self, py: Python<'_>) -> PyResult<Answer> {
-        let answer = py.detach(|| self.judged.answer()).map_err(|e| refused(py, e))?;
-        Ok(Answer::new(py, answer, self.interrupted))
+    fn answer(&self, py: Python<'_>) -> Answer {
+        Answer::new(py, self.judged.1.clone(), self.interrupted)
     }
 
     /// The page: each finding with its channel drawn.
     fn page(&self, py: Python<'_>) -> String {
-        py.detach(|| self.judged.page())
+        py.detach(|| self.judged.0.page())
     }
 
     /// The map with all repairs that a map can hold.
-    fn map(&self) -> String {
-        self.judged.map()
+    fn map(&self) -> &str {
+        &self.judged.2
     }
 }
 
 /// `fdm doctor` beside a model.
 #[pyfunction]
 pub(crate) fn doctor(py: Python<'_>, model: &Model, records: Vec<Py<Record>>, words: Vec<String>) -> PyResult<Doctor> {
-    let records = all(&records);
-    let (judged, interrupted) = watched(py, None, |watch| request::doctor(&model.model, records, &words, watch))?;
+    let held = held(model, &records, &words);
+    let (judged, interrupted) = watched(py, None, |watch| request::doctor(held, watch))?;
     Ok(Doctor { judged: judged.map_err(|e| refused(py, e))?, interrupted })
 }
 
@@ -294,12 +285,13 @@ pub(crate) fn doctor_alone(
     tables: Vec<Table<'_>>,
     words: Vec<String>,
 ) -> PyResult<Doctor> {
-    let field = |(name, unit, values): (String, Option<String>, PyReadonlyArray1<'_, f64>)| {
-        (name, unit, values.as_array().to_vec())
+    let field = |(name, unit, values): (String, Option<String>, PyReadonlyArray1<'_, f64>)| Field {
+        name,
+        unit,
+        values: values.as_array().to_vec(),
     };
     let table = |(name, time, fields): Table<'_>| {
-        let fields = fields.into_iter().map(field).collect();
-        request::Table { name, time, fields }
+        (name, Topic { name: String::new(), time, fields: fields.into_iter().map(field).collect() })
     };
     let tables = tables.into_iter().map(table).collect();
     let (judged, interrupted) = watched(py, None, |_| request::doctor_alone(&files, tables, &words))?;

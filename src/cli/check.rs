@@ -1,17 +1,17 @@
 //! `fdm check`: every mistake of a model's text, then every derivative against a complex step; of a text of effects, whether
 //! each vanishes at its null.
 
-use crate::effects::invalid;
-use crate::failure::{Ending, Failure, as_json, ended, print, print_lines, tell};
-use crate::load::{Estimated, ModelFile};
+use crate::deliver::Wanted;
+use crate::failure::{Ending, Failure, as_json, ended, print, print_answer, print_lines, tell};
 use clap::Args;
 use fdm_effects::Catalogue;
 use fdm_grammar::syntax::holds_effects;
 use fdm_grammar::{Diagnostic, Source};
-use fdm_report::check_text;
-use fdm_results::documents::{CatalogueDocument, ModelDocument};
-use fdm_system::code::{Nominal, Verification, verify};
-use fdm_system::{Model, ModelError};
+use fdm_results::documents::CatalogueDocument;
+use fdm_session::check;
+use fdm_session::effects::invalid;
+use fdm_session::load::{Estimated, ModelFile};
+use fdm_system::ModelError;
 
 /// What `fdm check` takes.
 #[derive(Debug, Args)]
@@ -31,19 +31,8 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         },
         model => model?,
     };
-    let found = verified(&model);
-    let printed = match arguments.json {
-        true => print_lines(&as_json(&ModelDocument::of(&model, &found))?),
-        false => print(&check_text(&model, &found)),
-    };
-    ended(found.passed() && printed)
-}
-
-/// Every derivative against a complex step.
-pub(crate) fn verified(model: &Model) -> Verification {
-    // the noise of outputs has derivatives too
-    let whole = model.definition().with_precisions().map_or_else(|| model.clone(), |whole| model.altered(whole));
-    verify(whole.definition(), whole.schedule(), &Nominal::start(whole.definition()))
+    let answer = check::answer(&model, Wanted { json: arguments.json, ..Wanted::default() })?;
+    ended(print_answer(&answer) && answer.good)
 }
 
 /// A text of effects: each must vanish at its null and do something elsewhere.

@@ -1,18 +1,19 @@
 //! `fdm compare`: several results side by side, and what they predict of validation runs.
 
-use crate::bands::of_validation;
-use crate::campaign::{RecordFile, Role};
-use crate::deliver::{Output, write};
-use crate::effects::Effects;
+use crate::deliver::{Answer, Output, write};
 use crate::failure::{Ending, Failure, ended, remark};
 use crate::front::Diagnosed;
-use crate::load::{RunList, Selection, fitted_before, open_result, read_runs};
-use crate::progress::Progress;
 use clap::Args;
 use fdm_report::comparison_table;
 use fdm_report::page::comparison_page;
 use fdm_results::comparison::{Candidate, Comparison, Prediction, compare, predict};
 use fdm_results::store::ResultFolder;
+use fdm_session::bands::of_validation;
+use fdm_session::campaign::{RecordFile, Role};
+use fdm_session::effects::Effects;
+use fdm_session::load::{fitted_before, open_result};
+use fdm_session::progress::Progress;
+use fdm_session::records::{RunList, Selection, read_runs};
 use fdm_system::Model;
 use std::path::PathBuf;
 
@@ -61,7 +62,8 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         let predictions = predictions(arguments, (&results, &held), &comparison)?;
         comparison = comparison.with_predictions(predictions);
     }
-    let printed = arguments.output.print(|| comparison_table(&comparison), || &comparison)?;
+    let answer = Answer::of(comparison_table(&comparison), &comparison, arguments.output.wanted())?;
+    let printed = arguments.output.print(&answer);
     let written = arguments.report.as_ref().map_or(Ok(()), |file| write(file, comparison_page(&comparison)));
     if let Err(e) = &written {
         remark(format_args!("error: {e}; the result is what is printed"));

@@ -2,13 +2,13 @@
 
 use crate::deliver::write;
 use crate::failure::{Ending, Failure, as_json, aside, ended, print, print_data, print_lines};
-use crate::load::map_file;
 use crate::ownership::{Overwriting, refuse_other_tables};
 use clap::Args;
 use fdm_readers::{RecordMap, Taken, take};
 use fdm_report::{log_fields, log_table, visible};
 use fdm_results::documents::LogDocument;
 use fdm_results::store::DataFile;
+use fdm_session::value::map_file;
 use fdm_system::record::{Column, Dialect, open_log, write_to};
 use std::path::{Path, PathBuf};
 

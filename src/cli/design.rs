@@ -1,335 +1,38 @@
 //! `fdm design`: optimal input design: the manoeuvres of the next runs that reduce the standard errors most.
 
-use crate::campaign::{RecordFile, Role, expanded};
-use crate::deliver::{NamedFile, Output, column, standing, write_all};
-use crate::failure::{Ending, Failure, did_you_mean, ended};
-use crate::halt::{TimeLimit, uninterrupted};
-use crate::load::{ModelOrResult, Selection, noise, number, read_runs};
-use crate::progress::Progress;
+use crate::deliver::{Output, close, standing, write_all};
+use crate::failure::{Ending, Failure, ended};
 use clap::Args;
-use fdm_estimate::{Noise, Status, initial_guess};
-use fdm_grammar::model::Quantity;
-use fdm_lab::design::{Asked, Design, Question, Rivals, Separation, Step, between as distinction, design, table};
-use fdm_lab::experiment::Amount;
-use fdm_report::{design_table, distinction_table};
-use fdm_results::store::ResultFolder;
-use fdm_system::Model;
-use fdm_system::record::Run;
-use std::path::PathBuf;
+use fdm_session::design;
 
 /// What `fdm design` takes.
 #[derive(Debug, Args)]
-#[command(mut_arg("model", |m| m.required_unless_present_any(["from_result", "between"])))]
 pub(crate) struct Arguments {
     #[command(flatten)]
-    pub(crate) model: ModelOrResult,
-    /// Separate two models (files or result folders, `A,B`): the manoeuvres after which the odds for the true one are highest, whichever
-    /// it is, once the other has adapted its parameters
-    #[arg(long, value_name = "A,B", value_delimiter = ',', num_args = 1.., conflicts_with_all = ["model", "from_result"], help_heading = "The next run")]
-    between: Vec<PathBuf>,
-    /// Earlier runs, or patterns; may be given several times
-    #[arg(long = "data", value_name = "RUN", help_heading = "Data", num_args = 1.., group = "recorded")]
-    data: Vec<PathBuf>,
-    #[command(flatten)]
-    selection: Selection,
-    /// Largest amplitude of an input, in its unit or one of its own (`--amplitude 'elevator=2 deg'`) [default: as in the earlier
-    /// runs]
-    #[arg(long = "amplitude", value_name = "INPUT=AMPLITUDE", value_parser = amount, help_heading = "The next run")]
-    amplitudes: Vec<(String, Amount)>,
-    /// Value of an input at rest (trim) [default: as the first run begins, or 0]
-    #[arg(long = "rest", value_name = "INPUT=VALUE", value_parser = amount, help_heading = "The next run")]
-    rest: Vec<(String, Amount)>,
-    /// Fastest motion of an input, in its unit per unit of time; steps become ramps
-    #[arg(long = "rate", value_name = "INPUT=RATE", value_parser = rate, help_heading = "The next run")]
-    rates: Vec<(String, f64)>,
-    /// How far an output may move from where the run begins, by the model; manoeuvres are made smaller until it does not
-    #[arg(long = "limit", value_name = "OUTPUT=VALUE", value_parser = amount, help_heading = "The next run")]
-    limits: Vec<(String, Amount)>,
-    /// Length of the next run, in the model's unit of time [default: that of the first run]
-    #[arg(long, value_parser = number, value_name = "TIME", allow_negative_numbers = true, help_heading = "The next run")]
-    duration: Option<f64>,
-    /// Time between its samples [default: that of the first run]
-    #[arg(long, value_parser = number, value_name = "TIME", allow_negative_numbers = true, help_heading = "The next run")]
-    dt: Option<f64>,
-    /// Standard deviation of the noise of an output [default: what the result found, or the model declares]
-    #[arg(long, value_name = "OUTPUT=DEVIATION", help_heading = "The next run")]
-    noise: Vec<String>,
-    /// Number of runs to plan, one after the other
-    #[arg(long, value_name = "N", default_value_t = 2, allow_negative_numbers = true, help_heading = "The next run",
-          value_parser = clap::value_parser!(u8).range(1..=50))]
-    runs: u8,
-    /// Write the inputs of the planned runs to this folder, as CSV
-    #[arg(long, value_name = "DIR", help_heading = "Result")]
-    records: Option<PathBuf>,
-    /// Replace other files of the same names in that folder
-    #[arg(long, requires = "records", help_heading = "Result")]
-    force: bool,
-    #[command(flatten)]
-    pub(crate) limit: TimeLimit,
+    options: design::Options,
     #[command(flatten)]
     output: Output,
 }
 
-impl Arguments {
-    /// The files of the earlier runs.
-    fn files(&self) -> Result<Vec<RecordFile>, Failure> {
-        let options = self.selection.options(false);
-        let one = |path| RecordFile { path, name: None, role: Role::Fit, options: options.clone() };
-        Ok(expanded(&self.data)?.into_iter().map(one).collect())
-    }
-}
-
 pub(crate) fn run(arguments: &Arguments) -> Ending {
-    if !arguments.between.is_empty() {
-        return between(arguments);
+    let Arguments { options, output } = arguments;
+    refuse_others(options)?;
+    let mut conduct = output.conduct(&options.limit);
+    let answer = design::answer(options, &mut conduct);
+    conduct.progress.finish();
+    let answer = answer?;
+    let printed = output.print(&answer);
+    if let Some(folder) = &options.records {
+        write_all(folder, &answer.files)?;
     }
-    let quiet = arguments.output.manner.quiet;
-    let (model, folder) = arguments.model.load()?;
-    let model = arguments.model.changed(&model)?;
-    let runs = read_runs(&arguments.files()?, &model, &[], quiet)?;
-    let question = arguments.question(&model, folder.as_ref(), runs)?;
-    arguments.refuse_others()?;
-    let progress = Progress::new(quiet).within(&arguments.limit);
-    progress.say("comparing manoeuvres");
-    let found = design(&question, progress.halt());
-    progress.finish();
-    let found = found.map_err(Failure::Input)?;
-    let printed = arguments.output.print(|| design_table(&found, &model), || &found)?;
-    if let Some(folder) = &arguments.records {
-        write_all(folder, &planned(&question, &found))?;
-    }
-    // told in any case
-    let (in_time, whole) = (progress.in_time(), uninterrupted(progress.halt()));
-    ended(in_time && whole && printed)
+    ended(close(&answer) && printed)
 }
 
-/// `--between A,B`
-fn between(arguments: &Arguments) -> Ending {
-    let [first, second] = &arguments.between[..] else {
-        return Err(Failure::input(["--between takes two models or results: `--between linear.fdm,extended.fdm`"]));
-    };
-    let quiet = arguments.output.manner.quiet;
-    let mut loaded = Vec::new();
-    for path in [first, second] {
-        let own = arguments.model.of(path);
-        let (model, folder) = own.load()?;
-        let model = own.changed(&model)?;
-        loaded.push((folder.as_ref().map_or_else(|| model.clone(), |f| as_estimated(&model, f)), folder));
-    }
-    let mut questions = Vec::new();
-    for (model, folder) in &loaded {
-        let runs = read_runs(&arguments.files()?, model, &[], quiet)?;
-        questions.push(arguments.question(model, folder.as_ref(), runs)?);
-    }
-    arguments.refuse_others()?;
-    let (Some(second), Some(first)) = (questions.pop(), questions.pop()) else { return ended(false) };
-    let rivals = Rivals { first, second };
-    let progress = Progress::new(quiet).within(&arguments.limit);
-    progress.say("comparing manoeuvres");
-    let found = distinction(&rivals, progress.halt());
-    progress.finish();
-    let mut found = found.map_err(Failure::Input)?;
-    if found.models[0] == found.models[1] {
-        found.models = [&arguments.between[0], &arguments.between[1]].map(|path| {
-            let name = if path.is_dir() { path.file_name() } else { path.file_stem() };
-            name.map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
-        });
-    }
-    let printed = arguments.output.print(|| distinction_table(&found, rivals.first.model), || &found)?;
-    if let Some(folder) = &arguments.records {
-        let one = |(k, step): (usize, &Separation)| {
-            table(&rivals.first, &step.manoeuvre, &run_name(k)).map(|table| (table.file(), table.bytes()))
-        };
-        write_all(folder, &found.steps.iter().enumerate().filter_map(one).collect::<Vec<NamedFile>>())?;
-    }
-    let (in_time, whole) = (progress.in_time(), uninterrupted(progress.halt()));
-    ended(in_time && whole && printed)
-}
-
-/// The model with fixed what its result had fixed: that is what makes it another one.
-fn as_estimated(model: &Model, folder: &ResultFolder) -> Model {
-    let fixed: Vec<&str> =
-        folder.parameters().iter().filter(|p| p.status == Status::Fixed).map(|p| p.name.as_str()).collect();
-    let mut params = model.definition().params.clone();
-    params.iter_mut().filter(|p| fixed.contains(&p.quantity.name.as_str())).for_each(|p| p.fixed = true);
-    model.with_params(params)
-}
-
-/// The inputs of the planned runs, one table each.
-pub(crate) fn planned(question: &Question<'_>, found: &Design) -> Vec<NamedFile> {
-    let one = |(k, step): (usize, &Step)| {
-        table(question, &step.manoeuvre, &run_name(k)).map(|table| (table.file(), table.bytes()))
-    };
-    found.steps.iter().enumerate().filter_map(one).collect()
-}
-
-/// The name of the k-th run that is planned.
-fn run_name(k: usize) -> String {
-    format!("run_{}", k + 1)
-}
-
-impl Arguments {
-    /// Files that stand where runs would be written are told before the work.
-    fn refuse_others(&self) -> Result<(), Failure> {
-        let Some(folder) = self.records.as_ref().filter(|_| !self.force) else { return Ok(()) };
-        let places = (0..self.runs.into()).map(|k| folder.join(format!("{}.csv", run_name(k))));
-        let there: Vec<String> =
-            places.filter(|path| path.symlink_metadata().is_ok()).map(|path| standing(&path)).collect();
-        if there.is_empty() { Ok(()) } else { Err(Failure::Input(there)) }
-    }
-
-    /// All parameters: as declared, as found, as typed.
-    fn theta(&self, model: &Model, folder: Option<&ResultFolder>, run: Option<&Run>) -> Vec<f64> {
-        let params = &model.definition().params;
-        let mut theta = match run {
-            Some(run) => initial_guess(params, model.dynamics(), run),
-            None => params.iter().map(|p| p.value).collect(),
-        };
-        for (value, param) in theta.iter_mut().zip(params) {
-            let name = &param.quantity.name;
-            let of_run =
-                |owner: &Option<String>| owner.as_deref() == run.filter(|_| param.per_run).map(|r| r.name.as_str());
-            let found = folder.and_then(|f| f.parameters().iter().find(|k| k.name == *name && of_run(&k.run)));
-            if self.model.set.iter().any(|(typed, _)| typed == name) {
-                *value = param.value;
-            } else if let Some(found) = found.filter(|_| param.per_run == run.is_some() || !param.per_run) {
-                *value = found.value;
-            }
-        }
-        theta
-    }
-
-    pub(crate) fn question<'m>(
-        &self,
-        model: &'m Model,
-        folder: Option<&ResultFolder>,
-        runs: Vec<Run>,
-    ) -> Result<Question<'m>, Failure> {
-        let m = model.definition().inputs.len();
-        let first = runs.first();
-        let mut rest: Vec<f64> = (0..m).map(|k| first.and_then(|r| r.inputs.get(k).copied()).unwrap_or(0.0)).collect();
-        for (k, value) in placed(model, "--rest", &self.rest)? {
-            rest[k] = value;
-        }
-        let moved = |k: usize| {
-            let values = runs.iter().flat_map(|run| column(&run.inputs, k, m));
-            Some(values.map(|v| (v - rest[k]).abs()).fold(0.0, f64::max)).filter(|h| h.is_finite() && *h > 0.0)
-        };
-        let mut amplitudes: Vec<Option<f64>> = (0..m).map(moved).collect();
-        if !self.amplitudes.is_empty() {
-            amplitudes.fill(None);
-        }
-        for (k, value) in placed(model, "--amplitude", &self.amplitudes)? {
-            amplitudes[k] = Some(value);
-        }
-        let mut rates = vec![None; m];
-        for (name, rate) in &self.rates {
-            let place = model.definition().inputs.iter().position(|i| i.quantity.name == *name);
-            rates[place.ok_or_else(|| Failure::input([Asked::unknown(model, name)]))?] = Some(*rate);
-        }
-        let limits = self.limits(model)?;
-        let last = |run: &Run| run.time.last().copied().filter(|t| *t > 0.0);
-        let duration = self.duration.or(first.and_then(last));
-        let apart = |run: &Run| Some(last(run)? / (run.len().max(2) - 1) as f64);
-        let dt = self.dt.or(first.and_then(apart));
-        let (Some(duration), Some(dt)) = (duration, dt) else {
-            return Err(Failure::input([
-                "give the length and the sampling interval of the next run with --duration and --dt, or a run with --data",
-            ]));
-        };
-        let deviations = self.deviations(model, folder)?;
-        let theta = self.theta(model, folder, None);
-        let known = runs.into_iter().map(|run| {
-            let mut own = self.theta(model, folder, Some(&run));
-            // what runs share is one number
-            let shared = model.definition().params.iter().zip(&theta).enumerate();
-            shared.filter(|(_, (p, _))| !p.per_run).for_each(|(k, (_, value))| own[k] = *value);
-            (run, own)
-        });
-        let known = known.collect();
-        Ok(Question {
-            model,
-            theta,
-            deviations,
-            known,
-            rest,
-            heights: amplitudes,
-            rates,
-            limits,
-            duration,
-            dt,
-            runs: self.runs.into(),
-        })
-    }
-
-    /// How far outputs may move (q), in their units.
-    fn limits(&self, model: &Model) -> Result<Vec<Option<f64>>, Failure> {
-        let outputs = &model.definition().outputs;
-        let mut limits = vec![None; outputs.len()];
-        for (name, amount) in &self.limits {
-            let place = outputs.iter().position(|o| o.quantity.name == *name).ok_or_else(|| {
-                let near = did_you_mean(name, outputs.iter().map(|o| o.quantity.name.as_str()));
-                Failure::input([format!("the model has no output `{name}`{near}")])
-            })?;
-            limits[place] = Some(within(amount, &outputs[place].quantity, "--limit")?);
-        }
-        Ok(limits)
-    }
-
-    /// As typed, as the result found them, as the model declares them.
-    fn deviations(&self, model: &Model, folder: Option<&ResultFolder>) -> Result<Vec<f64>, Failure> {
-        let outputs = &model.definition().outputs;
-        let typed = match noise(&self.noise, model)? {
-            Noise::Given(given) => given,
-            _ => vec![None; outputs.len()],
-        };
-        let found = folder.and_then(|f| f.result().fit()?.noise_covariance.as_ref());
-        let of = |k: usize| {
-            let found = found.and_then(|rows| rows.get(k)?.get(k).copied()).filter(|v| v.is_finite()).map(f64::sqrt);
-            let output = outputs[k].quantity.name.clone();
-            let said = self.noise.iter().any(|word| word.starts_with(&format!("{output}=")));
-            let value = if said { typed[k] } else { found.or(typed[k]) };
-            value.ok_or(Asked::Noise { output })
-        };
-        let (mut deviations, mut wrong) = (Vec::new(), Vec::new());
-        for found in (0..outputs.len()).map(of) {
-            match found {
-                Ok(value) => deviations.push(value),
-                Err(e) => wrong.push(e),
-            }
-        }
-        if wrong.is_empty() { Ok(deviations) } else { Err(Failure::input(wrong)) }
-    }
-}
-
-/// Inputs by place, with values in their units.
-fn placed(model: &Model, option: &str, given: &[(String, Amount)]) -> Result<Vec<(usize, f64)>, Failure> {
-    let inputs = &model.definition().inputs;
-    let mut found = Vec::new();
-    for (name, amount) in given {
-        let place = inputs.iter().position(|i| i.quantity.name == *name);
-        let k = place.ok_or_else(|| Failure::input([Asked::unknown(model, name)]))?;
-        found.push((k, within(amount, &inputs[k].quantity, option)?));
-    }
-    Ok(found)
-}
-
-/// An amount in the unit of a quantity.
-fn within(amount: &Amount, of: &Quantity, option: &str) -> Result<f64, Failure> {
-    amount.within(of.unit.as_ref()).ok_or_else(|| {
-        let unit = of.unit.as_ref().map_or(String::from("no unit"), ToString::to_string);
-        Failure::input([format!("{option} {}: its unit does not fit that of the model ({unit})", of.name)])
-    })
-}
-
-/// `INPUT=RATE`
-fn rate(text: &str) -> Result<(String, f64), String> {
-    let (name, rate) = text.split_once('=').ok_or("expected INPUT=RATE")?;
-    Ok((name.trim().to_string(), number(rate.trim())?))
-}
-
-/// `INPUT=VALUE`, possibly with a unit.
-fn amount(text: &str) -> Result<(String, Amount), String> {
-    let (name, amount) = text.split_once('=').ok_or("expected INPUT=VALUE")?;
-    Ok((name.trim().to_string(), amount.trim().parse()?))
+/// Files that stand where runs would be written are told before the work.
+fn refuse_others(options: &design::Options) -> Result<(), Failure> {
+    let Some(folder) = options.records.as_ref().filter(|_| !options.force) else { return Ok(()) };
+    let places = (0..options.runs.into()).map(|k| folder.join(format!("{}.csv", design::run_name(k))));
+    let there: Vec<String> =
+        places.filter(|path| path.symlink_metadata().is_ok()).map(|path| standing(&path)).collect();
+    if there.is_empty() { Ok(()) } else { Err(Failure::Input(there)) }
 }

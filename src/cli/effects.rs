@@ -1,109 +1,26 @@
 //! `fdm effects`: what may be missing from a model, and where; `fdm extend`: a model's own text with effects in it.
 
 use crate::deliver::write;
-use crate::failure::{Ending, Failure, as_json, did_you_mean, ended, print_coloured, print_data, print_lines};
-use crate::load::{load_model, number};
+use crate::failure::{Ending, as_json, ended, print_coloured, print_data, print_lines};
 use crate::ownership::Overwriting;
 use clap::Args;
-use fdm_effects::{Beginning, Catalogue, Choice, Field, Kind, Nominal, Places, Scales, Subject};
-use fdm_grammar::{Diagnostic, Source};
 use fdm_results::documents::EffectsDocument;
-use fdm_results::store::read_input_text;
-use fdm_system::record::Run;
-use fdm_system::{Model, ModelError};
-use similar::TextDiff;
-use std::collections::BTreeSet;
-use std::fmt::Write;
-use std::path::{Path, PathBuf};
-
-/// Catalogues of effects.
-#[derive(Debug, Args)]
-#[command(next_help_heading = "Search")]
-pub(crate) struct Effects {
-    /// Effects of your own (.fdm), beside the built-in ones; one of the same name replaces a built-in one
-    #[arg(long = "effects", value_name = "FILE", hide_short_help = true)]
-    files: Vec<PathBuf>,
-}
-
-/// Which effects of the catalogue.
-#[derive(Debug, Args)]
-#[command(next_help_heading = "Search")]
-pub(crate) struct Chosen {
-    /// Search these effects only, such as `input_delay,actuator_lag`
-    #[arg(long, value_name = "NAMES", value_delimiter = ',', conflicts_with = "without")]
-    only: Vec<String>,
-    /// Search all effects but these
-    ///
-    /// A model with many states has hundreds of places for a `product_term`.
-    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
-    without: Vec<String>,
-    /// Of the effects that belong to a field, those of these
-    ///
-    /// Fields are aircraft, rotorcraft, ship, mechanism, process, kinetics. Without it all of which a model has few places.
-    #[arg(long, value_name = "FIELDS", value_delimiter = ',', value_parser = field, hide_short_help = true)]
-    catalogue: Vec<Field>,
-}
-
-fn field(text: &str) -> Result<Field, String> {
-    let words = Field::ALL.map(Field::word);
-    Field::ALL.into_iter().find(|f| f.word() == text).ok_or_else(|| {
-        let near = did_you_mean(text, words);
-        format!("there is no such field{near}; there are {}", words.join(", "))
-    })
-}
-
-/// What a coefficient that is tried as a table is called among effects.
-const TABLE: &str = "coefficient_table";
-
-impl Chosen {
-    /// Whether coefficients are tried as tables.
-    pub(crate) fn tables(&self) -> bool {
-        let named = |list: &[String]| list.iter().any(|name| name == TABLE);
-        if self.only.is_empty() { !named(&self.without) } else { named(&self.only) }
-    }
-
-    /// The part of a catalogue that was chosen; names that it does not have are refused.
-    pub(crate) fn of(&self, mut catalogue: Catalogue) -> Result<Catalogue, Failure> {
-        let own = catalogue.effects().map(|e| e.name().to_string());
-        let names: BTreeSet<String> = own.chain([TABLE.to_string()]).collect();
-        let unknown = |name: &&String| !names.contains(*name);
-        let said = self.only.iter().chain(&self.without).filter(unknown).map(|name| {
-            let near = did_you_mean(name, names.iter().map(String::as_str));
-            format!("there is no effect `{name}`{near} (`fdm effects` lists them)")
-        });
-        let said: Vec<String> = said.collect();
-        if !said.is_empty() {
-            return Err(Failure::input(said));
-        }
-        catalogue.retain(|name| match self.only.is_empty() {
-            true => !self.without.iter().any(|n| n == name),
-            false => self.only.iter().any(|n| n == name),
-        });
-        if !self.catalogue.is_empty() {
-            catalogue.restrict(&self.catalogue);
-        }
-        Ok(catalogue)
-    }
-}
+use fdm_session::effects::{Extend, Options, as_text, difference, subject};
+use std::path::PathBuf;
 
 /// What `fdm effects` takes.
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
-    /// Model file (.fdm)
-    #[arg(value_name = "MODEL")]
-    model: PathBuf,
     #[command(flatten)]
-    effects: Effects,
-    #[command(flatten)]
-    chosen: Chosen,
+    options: Options,
     /// Print JSON
     #[arg(long)]
     json: bool,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
-    let catalogue = arguments.catalogue()?;
-    let (_, subject) = subject(&arguments.model)?;
+    let catalogue = arguments.options.catalogue()?;
+    let (_, subject) = subject(&arguments.options.model)?;
     let places = catalogue.places(&subject);
     ended(match arguments.json {
         true => print_lines(&as_json(&EffectsDocument::of(&catalogue, &places))?),
@@ -111,204 +28,25 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     })
 }
 
-impl Arguments {
-    pub(crate) fn catalogue(&self) -> Result<Catalogue, Failure> {
-        self.chosen.of(self.effects.read()?)
-    }
-}
-
-/// Reads a model for effects.
-pub(crate) fn subject(file: &Path) -> Result<(Model, Subject), Failure> {
-    let model = load_model(file)?;
-    let subject = subject_of(&model)?;
-    Ok((model, subject))
-}
-
-pub(crate) fn subject_of(model: &Model) -> Result<Subject, Failure> {
-    Subject::new(model.source(), model.definition()).map_err(|f| invalid(model.source(), f))
-}
-
-impl Effects {
-    /// The catalogue; a file with a mistake is refused with all of them.
-    pub(crate) fn read(&self) -> Result<Catalogue, Failure> {
-        let mut catalogue = Catalogue::standard();
-        for file in &self.files {
-            let text = read_input_text(file).map_err(|e| Failure::at(file, &e))?;
-            let source = Source::new(file.display().to_string(), text);
-            let (own, findings) = Catalogue::read(&source);
-            if findings.iter().any(Diagnostic::is_error) {
-                return Err(invalid(&source, findings));
-            }
-            catalogue.extend(own);
-        }
-        Ok(catalogue)
-    }
-}
-
-pub(crate) fn invalid(source: &Source, diagnostics: Vec<Diagnostic>) -> Failure {
-    Failure::Model(Box::new(ModelError::Invalid { text: source.clone(), diagnostics }))
-}
-
-/// A line for each effect that fits anywhere, with its places below.
-pub(crate) fn as_text(catalogue: &Catalogue, places: &Places, colour: bool) -> String {
-    let mut text = String::new();
-    let (bold, plain) = if colour { ("\x1b[1m", "\x1b[0m") } else { ("", "") };
-    for effect in catalogue.effects() {
-        let signature = effect.signature();
-        let list: Vec<_> = places.candidates.iter().filter(|c| c.effect().signature() == signature).collect();
-        let kind = word(effect.kind());
-        let _ = writeln!(text, "{bold}{signature}{plain}  {kind}  {}", effect.doc());
-        if list.is_empty() {
-            text.push_str("    fits nowhere in this model\n");
-        }
-        for line in list.chunks(6) {
-            let shown: Vec<_> = line.iter().map(ToString::to_string).collect();
-            let _ = writeln!(text, "    {}", shown.join("  "));
-        }
-    }
-    for crowded in &places.crowded {
-        let _ = writeln!(text, "{crowded}");
-    }
-    for untried in &places.untried {
-        let _ = writeln!(text, "{untried}");
-    }
-    let _ = writeln!(text, "{} places", places.candidates.len());
-    text
-}
-
-fn word(kind: Kind) -> &'static str {
-    match kind {
-        Kind::Smooth => "smooth",
-        Kind::Finite => "finite",
-        Kind::Variance => "noise",
-    }
-}
-
 /// What `fdm extend` takes.
 #[derive(Debug, Args)]
-pub(crate) struct Extend {
-    /// Model file (.fdm)
-    #[arg(value_name = "MODEL")]
-    model: PathBuf,
-    /// An effect at its place, such as `input_delay(stick)`; several are applied one after the other
-    #[arg(long = "effect", value_name = "EFFECT", required = true)]
-    effect: Vec<String>,
+pub(crate) struct Extension {
     #[command(flatten)]
-    effects: Effects,
-    /// Sampling interval of the records; start values and bounds of lags and delays follow from it
-    #[arg(long, value_parser = number, value_name = "TIME", default_value_t = 0.01)]
-    step: f64,
-    /// Length of the records
-    #[arg(long, value_parser = number, value_name = "TIME", default_value_t = 10.0)]
-    duration: f64,
+    options: Extend,
     /// Write the extended model here
     #[arg(long, value_name = "FILE")]
     write: Option<PathBuf>,
+    /// Read by the rule for files that are written over others.
     #[command(flatten)]
-    overwriting: Overwriting,
+    _overwriting: Overwriting,
 }
 
-/// How records are sampled; signals are of size 1.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Sampling {
-    pub(crate) step: f64,
-    pub(crate) duration: f64,
-}
-
-impl Sampling {
-    /// That of the longest of runs.
-    pub(crate) fn of(runs: &[Run]) -> Self {
-        let span = |run: &Run| run.time.last().zip(run.time.first()).map_or(0.0, |(end, begin)| end - begin);
-        let duration = runs.iter().map(span).fold(0.0, f64::max);
-        let step = runs.iter().map(|run| span(run) / run.len().saturating_sub(1).max(1) as f64).fold(0.0, f64::max);
-        let positive = |v: f64, otherwise: f64| if v > 0.0 && v.is_finite() { v } else { otherwise };
-        Self { step: positive(step, 0.01), duration: positive(duration, 10.0) }
-    }
-}
-
-impl Scales for Sampling {
-    fn size(&self, signal: &str, q: f64) -> f64 {
-        Nominal.size(signal, q)
-    }
-
-    fn speed(&self, signal: &str, q: f64) -> f64 {
-        Nominal.speed(signal, q)
-    }
-
-    fn level(&self, signal: &str, q: f64) -> f64 {
-        Nominal.level(signal, q)
-    }
-
-    fn beginning(&self, signal: &str) -> Beginning {
-        Nominal.beginning(signal)
-    }
-
-    fn step(&self) -> f64 {
-        self.step
-    }
-
-    fn duration(&self) -> f64 {
-        self.duration
-    }
-}
-
-impl Extend {
-    /// A model with the effects in it.
-    pub(crate) fn applied(&self, at: Subject) -> Result<Subject, Failure> {
-        let positive = |v: f64| v > 0.0 && v.is_finite();
-        if !positive(self.step) || !positive(self.duration) {
-            return Err(Failure::input(["`--step` and `--duration` must be above zero"]));
-        }
-        with_effects(at, &self.effect, &self.effects.read()?, Sampling { step: self.step, duration: self.duration })
-    }
-}
-
-/// A model with effects in it, one after the other.
-pub(crate) fn with_effects(
-    mut at: Subject,
-    wanted: &[String],
-    catalogue: &Catalogue,
-    sampling: Sampling,
-) -> Result<Subject, Failure> {
-    for wanted in wanted {
-        let places = catalogue.places(&at);
-        let candidate = places.find(wanted).ok_or_else(|| nowhere(wanted, &places))?;
-        let extension =
-            candidate.apply(&at, &sampling, &Choice::new()).map_err(|d| Failure::input([d.message.clone()]))?;
-        let compiled = fdm_grammar::compile(extension.source()).map_err(|f| invalid(extension.source(), f))?;
-        at = Subject::new(extension.source(), &compiled.model).map_err(|f| invalid(extension.source(), f))?;
-    }
-    Ok(at)
-}
-
-pub(crate) fn extend(arguments: &Extend) -> Ending {
-    let (model, at) = subject(&arguments.model)?;
-    let at = arguments.applied(at)?;
+pub(crate) fn extend(arguments: &Extension) -> Ending {
+    let (model, at) = subject(&arguments.options.model)?;
+    let at = arguments.options.applied(at)?;
     let new = at.source().text();
     if let Some(file) = &arguments.write {
         write(file, new)?;
     }
-    ended(print_data(&difference(model.source().text(), new, &arguments.model)))
-}
-
-/// What changes in the text of a model.
-pub(crate) fn difference(old: &str, new: &str, model: &Path) -> String {
-    let name = model.display().to_string();
-    TextDiff::from_lines(old, new).unified_diff().context_radius(1).header(&name, "extended").to_string()
-}
-
-fn nowhere(wanted: &str, places: &Places) -> Failure {
-    let all: Vec<String> = places.candidates.iter().map(ToString::to_string).collect();
-    let name = wanted.split('(').next().unwrap_or("").trim();
-    let same: Vec<&String> = all.iter().filter(|c| c.split('(').next() == Some(name)).collect();
-    let near = did_you_mean(wanted, all.iter().map(String::as_str));
-    let hint = match same.is_empty() {
-        _ if !near.is_empty() => near,
-        true => "; `fdm effects MODEL` lists the effects that fit".into(),
-        false => {
-            let shown: Vec<_> = same.iter().take(8).map(|c| format!("`{c}`")).collect();
-            format!("; `{name}` fits as {}", shown.join(", "))
-        }
-    };
-    Failure::input([format!("`{wanted}` fits nowhere in this model{hint}")])
+    ended(print_data(&difference(model.source().text(), new, &arguments.options.model)))
 }

@@ -1,10 +1,7 @@
 //! `fdm export`: the model of a text or a result for other tools.
 
-use crate::campaign::{Role, known_value};
 use crate::deliver::write;
 use crate::failure::{Ending, Failure, OrFailure, aside, ended, print_data};
-use crate::load::{Estimated, ModelOrResult, RunList, map_file, number, pair, read_runs, with_changes};
-use crate::modes::with_estimates;
 use crate::ownership::Overwriting;
 use crate::problem;
 use clap::{Args, ValueEnum};
@@ -16,7 +13,12 @@ use fdm_exchange::recursive::recursive_source;
 use fdm_exchange::source::source;
 use fdm_exchange::state_space::StateSpace;
 use fdm_grammar::emit::{Elementary, Language};
+use fdm_lab::requirement::with_estimates;
 use fdm_readers::RecordMap;
+use fdm_session::campaign::{Role, known_value};
+use fdm_session::load::{Estimated, ModelOrResult, with_changes};
+use fdm_session::records::{RunList, read_runs};
+use fdm_session::value::{map_file, number, pair};
 use fdm_system::Model;
 use fdm_system::record::{Known, ReadOptions};
 use std::collections::BTreeMap;

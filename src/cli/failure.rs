@@ -1,110 +1,61 @@
 //! How a command ends: its exit code, what it prints, and what it says when the input is wrong.
 
-use crate::load::with_files;
-use crate::terminal::{Stream, width};
-use fdm_grammar::diagnostic::nearest;
-use fdm_grammar::{Diagnostic, Source};
-use fdm_report::{render, visible, wrapped};
+use fdm_report::{visible, wrapped};
 use fdm_results::store::reason;
+use fdm_session::Answer;
+pub(crate) use fdm_session::failure::{Failure, OrFailure, Unwritten, as_json, at, did_you_mean};
+use fdm_session::records::with_files;
+pub(crate) use fdm_session::telling::{aside, in_colours, keep_quiet, remark, tell};
+use fdm_session::telling::{murmur, tell_foreign};
+use fdm_session::terminal::{Stream, width};
 use fdm_system::ModelError;
-use fdm_system::record::RecordError;
-use std::fmt::Display;
 use std::io::IsTerminal;
-use std::path::Path;
 use std::process::ExitCode;
-use std::sync::OnceLock;
 
 /// Numbers went wrong: the result so far has been printed.
 const NUMBERS: u8 = 1;
 const INPUT: u8 = 2;
-/// Codes that a hint names.
-const MOST_CODES: usize = 5;
 
 /// How a command ends.
 pub(crate) type Ending = Result<ExitCode, Failure>;
 
-/// Wrong input.
-#[derive(Debug)]
-pub(crate) enum Failure {
-    /// A model that cannot be read or compiled.
-    Model(Box<ModelError>),
-    /// Records that cannot be used, each with all its problems.
-    Records(Vec<RecordError>),
-    /// Anything else, one sentence each.
-    Input(Vec<String>),
-    /// Nothing is wrong with the input, but with the numbers.
-    Numbers(String),
-    /// Something was found in the records, and `--strict` refuses to go on.
-    Strict,
-    /// Nothing is wrong with the input, but a file could not be written.
-    Unwritten(Unwritten),
-}
-
-/// A file that could not be written, and why.
-#[derive(Debug)]
-pub(crate) struct Unwritten(pub(crate) String);
-
-impl Display for Unwritten {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(&self.0)
-    }
-}
-
-impl From<Unwritten> for Failure {
-    fn from(e: Unwritten) -> Self {
-        Self::Unwritten(e)
-    }
-}
-
-impl Failure {
-    /// From things that say what is wrong.
-    pub(crate) fn input(reasons: impl IntoIterator<Item = impl Display>) -> Self {
-        Self::Input(reasons.into_iter().map(|r| r.to_string()).collect())
-    }
-
-    /// From a file or folder and what is wrong with it.
-    pub(crate) fn at(path: &Path, error: &std::io::Error) -> Self {
-        Self::Input(vec![at(path, error)])
-    }
-
-    /// Tells the user and gives the exit code.
-    pub(crate) fn report(&self) -> ExitCode {
-        match self {
-            Self::Model(e) => match &**e {
-                ModelError::Invalid { text, diagnostics } => {
-                    tell(text, diagnostics);
-                }
-                other => remark(format_args!("error: {other}")),
-            },
-            Self::Records(errors) => errors.iter().for_each(|e| remark(format_args!("error: {e}"))),
-            Self::Input(reasons) => {
-                reasons.iter().for_each(|r| remark(format_args!("error: {}", with_files(r))));
-                tell_foreign();
-            }
-            Self::Numbers(said) => {
-                remark(format_args!("error: {said}"));
-                tell_foreign();
-                return ExitCode::from(NUMBERS);
-            }
-            Self::Strict => {
-                remark(format_args!(
-                    "error: the records have findings, and --strict refuses to go on; `fdm doctor` tells them all"
-                ));
-                return ExitCode::from(NUMBERS);
-            }
-            Self::Unwritten(file) => {
-                remark(format_args!("error: {file}"));
-                return ExitCode::from(NUMBERS);
-            }
+/// Tells the user and gives the exit code.
+pub(crate) fn report(failure: &Failure) -> ExitCode {
+    match failure {
+        Failure::Model(e) => match &**e {
+            ModelError::Invalid { text, diagnostics } => tell(text, diagnostics),
+            other => remark(format_args!("error: {other}")),
+        },
+        Failure::Records(errors) => errors.iter().for_each(|e| remark(format_args!("error: {e}"))),
+        Failure::Words { said, .. } => remark(format_args!("error: {said}")),
+        Failure::Input(reasons) => {
+            reasons.iter().for_each(|r| remark(format_args!("error: {}", with_files(r))));
+            tell_foreign();
         }
-        ExitCode::from(INPUT)
+        Failure::Numbers(said) | Failure::Stopped(said) => {
+            remark(format_args!("error: {said}"));
+            tell_foreign();
+            return ExitCode::from(NUMBERS);
+        }
+        Failure::Astray { said, so_far } => {
+            remark(format_args!("error: {said}"));
+            so_far.json.as_ref().map_or_else(|| print(&so_far.text), |json| print_lines(json));
+            so_far.remarks.iter().for_each(|r| remark(format_args!("{r}")));
+            tell_foreign();
+            return ExitCode::from(NUMBERS);
+        }
+        Failure::Strict => {
+            remark(format_args!(
+                "error: the records have findings, and --strict refuses to go on; `fdm doctor` tells them all"
+            ));
+            return ExitCode::from(NUMBERS);
+        }
+        Failure::Unwritten(file) => {
+            remark(format_args!("error: {file}"));
+            return ExitCode::from(NUMBERS);
+        }
     }
-}
-
-impl From<ModelError> for Failure {
-    fn from(e: ModelError) -> Self {
-        Self::Model(Box::new(e))
-    }
+    ExitCode::from(INPUT)
 }
 
 /// Words on the command line that mean nothing, or that ask for help.
@@ -121,23 +72,6 @@ pub(crate) fn refuse_words(e: &clap::Error) -> ExitCode {
     ExitCode::from(u8::try_from(e.exit_code()).unwrap_or(INPUT))
 }
 
-/// Errors of the packages below, most of which mean that the input is wrong.
-pub(crate) trait OrFailure<T> {
-    /// The value, or the error as wrong input.
-    fn or_failure(self) -> Result<T, Failure>;
-}
-
-impl<T, E: Display> OrFailure<T> for Result<T, E> {
-    fn or_failure(self) -> Result<T, Failure> {
-        self.map_err(|e| Failure::input([e]))
-    }
-}
-
-/// A path and what is wrong with it.
-pub(crate) fn at(path: &Path, error: &std::io::Error) -> String {
-    format!("{}: {}", path.display(), reason(error))
-}
-
 /// Ends with 0 when all is good, with 1 otherwise.
 pub(crate) fn ended(good: bool) -> Ending {
     if !good {
@@ -146,67 +80,9 @@ pub(crate) fn ended(good: bool) -> Ending {
     Ok(if good { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
 }
 
-/// What units of the model said of numbers that they could not give.
-fn tell_foreign() {
-    fdm_grammar::external::complaints().iter().for_each(|said| remark(format_args!("note: {said}")));
-}
-
-/// The name that was probably meant, to stand behind a message; empty when none is near.
-pub(crate) fn did_you_mean<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> String {
-    nearest(name, known).map_or(String::new(), |near| format!("; did you mean `{near}`?"))
-}
-
-/// Findings about a model, with where to read more about them.
-pub(crate) fn tell(source: &Source, findings: &[Diagnostic]) {
-    if findings.is_empty() {
-        return;
-    }
-    let plain = render(source, findings, false);
-    // what would act on the terminal is shown without colours, which act on it too
-    let coloured = in_colours(&std::io::stderr()) && visible(&plain) == plain;
-    let columns = width(Stream::Error);
-    match coloured {
-        true => murmur(&wrapped(&render(source, findings, true), columns)),
-        false => murmur(&wrapped(&visible(&plain), columns)),
-    }
-    let mut codes: Vec<&str> = Vec::new();
-    for code in findings.iter().map(|f| f.code.text()) {
-        if !codes.contains(&code) && codes.len() < MOST_CODES {
-            codes.push(code);
-        }
-    }
-    remark(format_args!("`fdm explain {}` says more\n", codes.join(" ")));
-}
-
-/// Whether a stream shows colours: a terminal, unless `NO_COLOR` is set to something (no-color.org).
-pub(crate) fn in_colours(stream: &impl IsTerminal) -> bool {
-    stream.is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty())
-}
-
-/// Writes a line to standard error, wrapped; where nobody listens it is lost.
-pub(crate) fn remark(line: std::fmt::Arguments<'_>) {
-    murmur(&wrapped(&visible(&format!("{line}\n")), width(Stream::Error)));
-}
-
-/// Whether nothing is said that the result does not depend on.
-static QUIET: OnceLock<bool> = OnceLock::new();
-
-/// From now on what [`aside`] says is left out, where that is wanted.
-pub(crate) fn keep_quiet(quiet: bool) {
-    let _ = QUIET.set(quiet);
-}
-
-/// A remark that `--quiet` leaves out.
-pub(crate) fn aside(line: std::fmt::Arguments<'_>) {
-    if QUIET.get() != Some(&true) {
-        remark(line);
-    }
-}
-
-/// Writes a text to standard error as it is.
-fn murmur(text: &str) {
-    use std::io::Write;
-    let _ = std::io::stderr().lock().write_all(text.as_bytes());
+/// Prints JSON where there is some, else the text; says whether all was.
+pub(crate) fn print_answer(answer: &Answer) -> bool {
+    answer.json.as_ref().map_or_else(|| print(&answer.text), |json| print_lines(json))
 }
 
 /// Prints what people read, wrapped: nothing in it acts on a terminal.
@@ -242,9 +118,4 @@ fn print_as_it_is(text: &str) -> bool {
         }
         _ => true,
     }
-}
-
-/// A document as JSON.
-pub(crate) fn as_json(document: &impl serde::Serialize) -> Result<String, Failure> {
-    fdm_results::documents::to_text(document).map_err(|e| Failure::input([e]))
 }

@@ -1,7 +1,7 @@
 //! `fdm fmt`: models in the standard layout.
 
 use crate::deliver::write;
-use crate::failure::{Ending, Failure, OrFailure, ended, print_data, print_lines};
+use crate::failure::{Ending, Failure, OrFailure, ended, print_data, print_lines, report};
 use clap::Args;
 use fdm_grammar::Source;
 use fdm_grammar::format::{Refusal, format};
@@ -43,7 +43,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let printed = print_lines(&changed);
     if let Some(last) = failures.pop() {
         for failure in &failures {
-            failure.report();
+            report(failure);
         }
         return Err(last);
     }

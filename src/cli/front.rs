@@ -1,18 +1,19 @@
 //! The best models of a diagnosis, fitted as they are written: what `fdm compare` averages over where it is given a diagnosis.
 
-use crate::campaign::{RecordFile, Role};
-use crate::effects::{Effects, Sampling, subject_of, with_effects};
 use crate::failure::{Failure, OrFailure, remark};
-use crate::load::{assignment, read_runs};
-use crate::progress::Progress;
-use crate::tasks::said;
 use fdm_discover::EffectAt;
 use fdm_effects::Catalogue;
 use fdm_estimate::{Changes, FitOptions, fit};
 use fdm_results::documents::{DiagnosisDocument, from_text};
 use fdm_results::store::{Contents, DataFile, Manifest, ResultError, ResultFolder, whole_files};
+use fdm_session::campaign::{RecordFile, Role};
+use fdm_session::effects::{Effects, Sampling, subject_of, with_effects};
+use fdm_session::progress::Progress;
+use fdm_session::records::read_runs;
+use fdm_session::simulate::unchanged;
+use fdm_session::value::assignment;
 use fdm_system::Model;
-use fdm_system::record::{ReadOptions, Run};
+use fdm_system::record::Run;
 use std::path::{Path, PathBuf};
 
 /// Most alternatives of a cause that are fitted beside it.
@@ -76,18 +77,9 @@ impl Diagnosed {
 
     /// The files of the runs that took part in the fits, or of those that did not.
     pub(crate) fn files(&self, role: Role) -> Result<Vec<RecordFile>, Failure> {
-        let (mut files, mut wrong) = (Vec::new(), Vec::new());
-        for data in self.data(role) {
-            let path = PathBuf::from(data.path.as_ref().unwrap_or(&data.file));
-            if DataFile::new(&data.run, &path).is_same(data) {
-                let reading = data.reading.as_ref().unwrap_or(&self.manifest.reading).clone();
-                let options = ReadOptions { require_outputs: false, any_size: true, ..reading };
-                files.push(RecordFile { path, name: Some(data.run.clone()), role, options });
-            } else {
-                wrong.push(format!("{}: changed or removed since run `{}` was diagnosed", path.display(), data.run));
-            }
-        }
-        if wrong.is_empty() { Ok(files) } else { Err(Failure::Input(wrong)) }
+        let changed =
+            |path: &Path, run: &str| format!("{}: changed or removed since run `{run}` was diagnosed", path.display());
+        unchanged(&self.manifest, &self.data(role).collect::<Vec<_>>(), role, &changed)
     }
 
     fn data(&self, role: Role) -> impl Iterator<Item = &DataFile> {
@@ -169,7 +161,7 @@ impl Diagnosed {
             };
             match found {
                 Ok(found) => results.push(found),
-                Err(e) => remark(format_args!("note: {name} is left out: {}", said(&e))),
+                Err(e) => remark(format_args!("note: {name} is left out: {}", e)),
             }
         }
         Ok(results)

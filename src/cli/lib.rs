@@ -1,15 +1,11 @@
-//! The command line. A command loads (`load`, `options`, `methods`), works, and delivers (`deliver`, `failure`); one file a
-//! command says only what is particular to it.
+//! The command line: words become the options of a verb (`fdm_session`), its answer is printed and written (`deliver`, `failure`); one file a
+//! verb says only where its answer goes.
 //!
 //! Exit codes: 0 good, 1 numbers went wrong (what was computed is printed), 2 wrong input.
 
-mod bands;
-mod campaign;
 mod check;
-mod checkpoint;
 mod compare;
 mod data;
-mod delays;
 mod deliver;
 mod design;
 mod diagnose;
@@ -17,50 +13,42 @@ mod doctor;
 mod effects;
 mod export;
 mod failure;
-mod first_cause;
-mod fit;
 mod fmt;
-mod foreign_code;
 mod front;
-mod halt;
 mod help;
 mod import;
 mod job;
 #[cfg(feature = "lsp")]
 pub mod language_server;
-mod load;
 mod lsp;
 mod manual;
 mod margins;
-mod methods;
 mod modes;
 mod new;
-mod options;
 mod overview;
 mod ownership;
 mod page;
 mod paths;
 mod problem;
 mod profile;
-mod progress;
-mod progress_file;
 mod project;
 mod regress;
 mod reproduce;
-pub mod request;
 mod sample;
 mod show;
 mod simulate;
 mod spectra;
-mod study;
 mod subjects;
-mod tasks;
-mod terminal;
 mod trust;
 mod validate;
 mod verify;
 
+use crate::deliver::{Asked, Delivered};
+use crate::job::Shared;
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+use fdm_session::foreign_code::models_are_named_by;
+use fdm_session::terminal::{Stream, width};
+use fdm_session::{fit, study};
 use std::ffi::OsString;
 use std::process::ExitCode;
 use std::sync::OnceLock;
@@ -96,7 +84,7 @@ enum Verb {
     /// Check a model: every mistake in its text, and every derivative
     Check(check::Arguments),
     /// Estimate the parameters of a model from one or several runs
-    Fit(Box<fit::Arguments>),
+    Fit(Box<Delivered<fit::Options>>),
     /// Validate a result with runs that it was not fitted to
     ///
     /// Only per-run parameters are estimated again: biases and initial states.
@@ -127,7 +115,7 @@ enum Verb {
     /// Frequency responses of the records, with coherence and error
     Spectra(spectra::Arguments),
     /// Monte Carlo study: bias, scatter, interval coverage
-    Study(Box<study::Arguments>),
+    Study(Box<Delivered<study::Options>>),
     /// Profile-likelihood confidence intervals
     Profile(Box<profile::Arguments>),
     /// Draws from the posterior by the No-U-Turn sampler
@@ -148,7 +136,7 @@ enum Verb {
     /// List candidate effects for a model, and where each fits
     Effects(effects::Arguments),
     /// Write effects into a model's own text, and print what changes
-    Extend(effects::Extend),
+    Extend(effects::Extension),
     /// Read a problem of PEtab or a model of SBML
     ///
     /// What is written is a readable model, its records and a project file.
@@ -177,8 +165,8 @@ enum Verb {
 
 /// All verbs and options, as clap knows them: to check what is quoted elsewhere, or to write a manual.
 pub fn command() -> clap::Command {
-    let width = terminal::width(terminal::Stream::Out).min(MOST_COLUMNS);
-    let command = subjects::with_places(Arguments::command().term_width(width));
+    let columns = width(Stream::Out).min(MOST_COLUMNS);
+    let command = subjects::with_places(Arguments::command().term_width(columns));
     let template = overview::template(&command);
     command.help_template(template)
 }
@@ -192,7 +180,7 @@ const MOST_COLUMNS: usize = 110;
 /// What is wrong with them.
 pub fn understood(words: impl IntoIterator<Item = OsString>) -> Result<(), String> {
     let command = command();
-    let words = subjects::sorted(words.into_iter().collect(), &command).map_err(|failure| tasks::said(&failure))?;
+    let words = subjects::sorted(words.into_iter().collect(), &command).map_err(|failure| failure.to_string())?;
     command.try_get_matches_from(words).map(drop).map_err(|e| e.to_string())
 }
 
@@ -215,14 +203,14 @@ pub fn main_with(words: impl IntoIterator<Item = OsString>) -> ExitCode {
     let sorted = subjects::sorted(words.into_iter().collect(), &command);
     let words = match sorted.and_then(|words| project::completed(words, &command)) {
         Ok(words) => words,
-        Err(failure) => return failure.report(),
+        Err(failure) => return failure::report(&failure),
     };
     let _ = WORDS.set(words.iter().map(|w| w.to_string_lossy().into_owned()).collect());
     let matches = match command.try_get_matches_from_mut(&words) {
         Ok(matches) => matches,
         Err(e) => {
             let missing = subjects::missing(&e, &words, &command);
-            return missing.map_or_else(|| failure::refuse_words(&e), |failure| failure.report());
+            return missing.map_or_else(|| failure::refuse_words(&e), |failure| failure::report(&failure));
         }
     };
     let arguments = match Arguments::from_arg_matches(&matches) {
@@ -230,7 +218,7 @@ pub fn main_with(words: impl IntoIterator<Item = OsString>) -> ExitCode {
         Err(e) => return failure::refuse_words(&e.format(&mut command)),
     };
     if let Err(failure) = paths::refuse_conflicts(&command, &matches) {
-        return failure.report();
+        return failure::report(&failure);
     }
     failure::keep_quiet(arguments.manner.quiet);
     if let Some(threads) = arguments.threads {
@@ -238,16 +226,16 @@ pub fn main_with(words: impl IntoIterator<Item = OsString>) -> ExitCode {
         let _ = rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global();
     }
     if let Verb::Reproduce(_) | Verb::Job(_) = &arguments.verb {
-        foreign_code::models_are_named_by("a file", arguments.allow_units);
+        models_are_named_by("a file", arguments.allow_units);
     }
     let result = match &arguments.verb {
         Verb::New(a) => new::run(a),
         Verb::Data(a) => data::run(a),
         Verb::Doctor(a) => doctor::run(a),
         Verb::Check(a) => check::run(a),
-        Verb::Fit(a) => fit::run(a),
+        Verb::Fit(a) => a.run(&Asked::default()),
         Verb::Validate(a) => validate::run(a),
-        Verb::Diagnose(a) => diagnose::run(a),
+        Verb::Diagnose(a) => a.run(&Asked::default()),
         Verb::Compare(a) => compare::run(a),
         Verb::Simulate(a) => simulate::run(a),
         Verb::Design(a) => design::run(a),
@@ -255,8 +243,8 @@ pub fn main_with(words: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Export(a) => export::run(a),
         Verb::Regress(a) => regress::run(a),
         Verb::Spectra(a) => spectra::run(a),
-        Verb::Study(a) => study::run(a),
-        Verb::Profile(a) => profile::run(a),
+        Verb::Study(a) => a.run(&Asked::default()),
+        Verb::Profile(a) => a.run(&Asked::default()),
         Verb::Sample(a) => sample::run(a),
         Verb::Modes(a) => modes::run(a),
         Verb::Margins(a) => margins::run(a),
@@ -275,7 +263,7 @@ pub fn main_with(words: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Completions(a) => manual::completions(a, self::command()),
         Verb::Man(a) => manual::manual(a, self::command()),
     };
-    result.unwrap_or_else(|failure| failure.report())
+    result.unwrap_or_else(|failure| failure::report(&failure))
 }
 
 #[cfg(test)]

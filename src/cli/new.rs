@@ -1,12 +1,12 @@
 //! `fdm new`: a first model with comments, and records made up from it to try things out.
 
-use crate::deliver::{column, csv};
 use crate::failure::{Ending, Failure, Unwritten, at, ended, print};
 use crate::project;
 use clap::{Args, ValueEnum};
 use fdm_grammar::format::format;
 use fdm_numeric::random::SplitMix;
 use fdm_results::store::{admits, make_folder, write_new_file};
+use fdm_session::tables::{column, csv};
 use fdm_system::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::{Simulator, StepOptions, choose_steps};

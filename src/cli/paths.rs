@@ -1,12 +1,12 @@
 //! Files that a command reads and files that it writes: no file is written over that the same command reads, whatever the ways
 //! in which the two are named, and no two results go to one place. This is told before any work is done.
 
-use crate::campaign::{RunTable, expanded};
 use crate::failure::{Failure, at};
 use crate::ownership::{Kind, refuse_foreign};
 use clap::{Arg, ArgMatches, Command};
 use fdm_readers::RecordMap;
 use fdm_results::store::{admits, end_of_links, own_files};
+use fdm_session::campaign::{RunTable, expanded};
 use fdm_system::{Model, read_source};
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -1,12 +1,13 @@
 //! `fdm export --to petab`: a result and the records that it was made from, as a problem of PEtab.
 
 use crate::deliver::{refuse_standing, write_folder};
-use crate::failure::{Ending, Failure, OrFailure, ended};
-use crate::load::ModelOrResult;
-use crate::simulate::fitted_runs;
+use crate::failure::{Ending, Failure};
+use crate::failure::{OrFailure, ended};
 use fdm_estimate::Noise;
 use fdm_petab::{Deviation, Record, Unsuited, problem};
 use fdm_results::documents::FitDocument;
+use fdm_session::load::ModelOrResult;
+use fdm_session::simulate::fitted_runs;
 use fdm_system::Model;
 use fdm_system::record::Run;
 use std::path::Path;

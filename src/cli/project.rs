@@ -2,11 +2,11 @@
 //! directory and in those above it; what is typed goes before it.
 
 use crate::failure::{Failure, did_you_mean, remark};
-use crate::foreign_code::{ALLOW_UNITS, models_are_named_by};
 use crate::trust::{outside, refuse_other_owner, typed_only};
 use clap::parser::ValueSource;
 use clap::{Arg, ArgMatches, Command};
 use fdm_results::store::read_input_text;
+use fdm_session::foreign_code::{ALLOW_UNITS, models_are_named_by};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::ffi::OsString;

@@ -3,10 +3,6 @@
 
 use crate::deliver::{NamedFile, refuse_others, write_all};
 use crate::failure::{Ending, Failure, OrFailure, as_json, ended, print, print_lines, remark};
-use crate::foreign_code::refuse_units_of;
-use crate::options::Repeats;
-use crate::progress::{Progress, RepeatProgress, counted};
-use crate::tasks::Visit;
 use clap::Args;
 use fdm_estimate::Halt;
 use fdm_lab::experiment::{Catalogue, Experiment, ExperimentError, Outcome, reproduce, tables};
@@ -14,6 +10,11 @@ use fdm_lab::job;
 use fdm_lab::study::{Colour, FORM, Study, System, series};
 use fdm_report::{outcome_table, outcomes_markdown, outcomes_table, studies_markdown, studies_text};
 use fdm_results::store::{Identity, read_input};
+use fdm_session::checkpoint::OpenCheckpoint;
+use fdm_session::foreign_code::refuse_units_of;
+use fdm_session::options::Repeats;
+use fdm_session::progress::{Progress, RepeatProgress, counted};
+use fdm_session::verb::Visit;
 use fdm_system::Model;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -55,11 +56,11 @@ pub(crate) struct Arguments {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
+    if arguments.repeats.is_some() {
+        return arguments.finish(None);
+    }
     let experiments = arguments.experiments()?;
     refuse_units(&experiments)?;
-    if let Some(count) = arguments.repeats {
-        return arguments.study(&experiments, count as usize);
-    }
     if let [first, ..] = arguments.repetition.given()[..] {
         return Err(Failure::input([format!("{first} belongs to --repeats; give their number with --repeats N")]));
     }
@@ -245,10 +246,11 @@ impl Arguments {
         visit(&job::Repeats { once: &once, count: count.into() }, &identity)
     }
 
-    /// These arguments at the end of a job.
-    pub(crate) fn finishing(mut self, done: Arc<job::Memory>) -> Self {
-        self.repetition.checkpoints.done = Some(done);
-        self
+    /// Repeats experiments, with what was done elsewhere.
+    pub(crate) fn finish(&self, done: Option<Arc<job::Memory>>) -> Ending {
+        let experiments = self.experiments()?;
+        refuse_units(&experiments)?;
+        self.study(&experiments, self.repeats.unwrap_or_default() as usize, done)
     }
 
     /// An experiment that can be repeated, and what the bits of its repeats depend on.
@@ -261,29 +263,30 @@ impl Arguments {
 
     /// The colours of the noise that were asked for; none stands for that of the experiment.
     fn colours(&self) -> Result<Vec<Option<Colour>>, Failure> {
-        match self.repetition.colours() {
+        match &self.repetition.noise_colour {
             none if none.is_empty() => Ok(vec![None]),
             some if some.contains(&Colour::Fitted) => Err(Failure::input([
                 "--noise-colour fitted belongs to `fdm study`: here use white, ar1 or pink, or leave it out for the noise of the experiment",
             ])),
-            some => Ok(some.into_iter().map(Some).collect()),
+            some => Ok(some.iter().copied().map(Some).collect()),
         }
     }
 
     /// Studies experiments one after the other, and prints what came of them.
-    fn study(&self, experiments: &[Experiment], count: usize) -> Ending {
+    fn study(&self, experiments: &[Experiment], count: usize, done: Option<Arc<job::Memory>>) -> Ending {
         let colours = self.colours()?;
         let progress = Progress::new(true);
+        let halt = progress.halt();
         let (mut studies, mut whole, mut wrong) = (Vec::new(), true, Vec::new());
         for experiment in experiments {
             for colour in &colours {
                 let name = &experiment.name;
-                let watch = RepeatProgress::new(name, count, false, progress.halt().clone());
-                if !progress.halt().goes_on() {
+                let watch = RepeatProgress::new(name, count, false, halt.clone());
+                if !halt.goes_on() {
                     whole = false;
                     continue;
                 }
-                match self.study_of_one(experiment, *colour, count, &watch) {
+                match self.study_of_one((experiment, *colour), count, &watch, done.clone()) {
                     Ok(Some((study, kept))) => {
                         whole &= kept && study.is_whole() && study.converged > 0;
                         studies.push(study);
@@ -313,10 +316,10 @@ impl Arguments {
     /// The study of one experiment, and whether its repeats were kept; none when there is nothing to repeat.
     fn study_of_one(
         &self,
-        experiment: &Experiment,
-        colour: Option<Colour>,
+        (experiment, colour): (&Experiment, Option<Colour>),
         count: usize,
         watch: &RepeatProgress,
+        done: Option<Arc<job::Memory>>,
     ) -> Result<Option<(Study, bool)>, Failure> {
         let seed = self.repetition.seed;
         let tint = colour.map_or("described".into(), |c| format!("{c:?}").to_lowercase());
@@ -328,12 +331,18 @@ impl Arguments {
         if system.subjects().is_empty() {
             return Ok(None);
         }
-        let checkpoint = self.repetition.checkpoints.open_within(&folder, &identity, false)?;
+        let checkpoint = match done {
+            Some(done) => OpenCheckpoint::Done(done),
+            None => self.repetition.checkpoints.open_within(&folder, &identity, false)?,
+        };
         let work = watch.work().keeping(checkpoint.keeper());
         let repeats = series(count, &work, &|k, repeat| watch.came(k, repeat), &|k| system.once(k, work.halt()));
         watch.finish();
         let study = Study::of(&experiment.name, (colour, seed), system.subjects(), &repeats);
-        Ok(Some((study, checkpoint.close())))
+        let mut said = Vec::new();
+        let kept = checkpoint.close(&mut said);
+        said.iter().for_each(|said| remark(format_args!("{said}")));
+        Ok(Some((study, kept)))
     }
 }
 

@@ -1,9 +1,9 @@
 //! `fdm show`: what becomes of a model's text, stage by stage.
 
 use crate::failure::{Ending, Failure, OrFailure, ended, print_lines};
-use crate::load::{Estimated, ModelFile};
 use clap::{Args, ValueEnum};
 use fdm_report::{Stage, dot, stage};
+use fdm_session::load::{Estimated, ModelFile};
 
 /// What `fdm show` takes.
 #[derive(Debug, Args)]

@@ -2,11 +2,12 @@
 
 use crate::export::with_values;
 use crate::failure::{Ending, Failure, ended, print};
-use crate::load::{ModelOrResult, assignment};
 use clap::Args;
 use fdm_exchange::verify::{Artefact, VerifyError};
 use fdm_report::verification_table;
 use fdm_results::store::{WorkFolder, read_input};
+use fdm_session::load::ModelOrResult;
+use fdm_session::value::assignment;
 use std::path::PathBuf;
 
 /// What `fdm verify` takes.

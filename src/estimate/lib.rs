@@ -59,7 +59,7 @@ pub use problem::changes::{ChangeError, Changes};
 pub use problem::degenerate::Degeneracy;
 pub use problem::derived::{DerivedName, DerivedQuantities};
 pub use problem::initial::initial_guess;
-pub use problem::method::{Domain, Method, Optimizer, SmoothBy};
+pub use problem::method::{Domain, Method, Optimizer, SmoothBy, StartValues};
 pub use problem::noise::Noise;
 pub use problem::response::{
     CoefficientResponse, Coefficients, KnownNoise, KnownNoiseResponse, PlanarResponse, Response, RunResponse,

@@ -2,7 +2,7 @@
 
 use super::work::{Command, JobFolder, kept};
 use crate::deliver::Manner;
-use crate::failure::{Ending, Failure, OrFailure, ended, print, remark};
+use crate::failure::{Ending, Failure, OrFailure, ended, print, remark, report};
 use clap::Args;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -71,8 +71,8 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         if several && !print(&format!("{}{}\n", if k > 0 { "\n" } else { "" }, planned.name)) {
             return ended(false);
         }
-        let ending = Command::read(&words)?.finishing(&planned.words, Some(done)).run();
-        let code = ending.unwrap_or_else(|failure| failure.report());
+        let ending = Command::read(&words, &planned.words)?.finish(done);
+        let code = ending.unwrap_or_else(|failure| report(&failure));
         worst = worst.max((0..=2).find(|n| ExitCode::from(*n) == code).unwrap_or(1));
     }
     Ok(ExitCode::from(worst))

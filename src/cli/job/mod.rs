@@ -7,8 +7,24 @@ mod run;
 mod status;
 mod work;
 
+use crate::deliver::{Asked, Places};
 use crate::failure::Ending;
 use clap::{Args, Subcommand};
+use fdm_session::Verb;
+
+/// A verb that many machines can share.
+pub(crate) trait Shared {
+    /// Its options.
+    fn verb(&self) -> &dyn Verb;
+
+    /// Where its answer goes.
+    fn places(&self) -> Places<'_>;
+
+    /// What the command does.
+    fn run(&self, asked: &Asked) -> Ending {
+        self.places().deliver(self.verb(), asked)
+    }
+}
 
 /// What `fdm job` takes.
 #[derive(Debug, Args)]

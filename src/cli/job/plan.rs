@@ -4,13 +4,12 @@ use super::engine::Engine;
 use super::work::{Command, completed, read_job};
 use crate::deliver::Manner;
 use crate::failure::{Ending, Failure, OrFailure, as_json, ended, print, print_lines, remark};
-use crate::halt::uninterrupted;
-use crate::progress::Progress;
 use clap::Args;
 use fdm_estimate::CheckpointStore;
 use fdm_lab::job::{Memory, Plan, PlannedCommand};
 use fdm_report::page::duration;
 use fdm_results::store::{program_fingerprint, read_input, write_file};
+use fdm_session::progress::Progress;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -91,7 +90,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         seconds = seconds.or(time);
     }
     progress.finish();
-    if !uninterrupted(progress.halt()) {
+    if !progress.uninterrupted() {
         return ended(false);
     }
     let program = program_fingerprint().or_failure()?;
@@ -120,19 +119,19 @@ fn planned(
         }
         (e, _) => e,
     };
-    let command = Command::read(&words).map_err(named)?.finishing(&words, None);
+    let command = Command::read(&words, &words).map_err(named)?;
     let (states, halt) = (Memory::default(), progress.halt());
     let (mut found, mut seconds) = (None, None);
     command
-        .tasks(&states as &dyn CheckpointStore, halt, &mut |tasks, identity| {
-            found = Some(PlannedCommand::new(&name, &words, tasks, identity));
+        .tasks(&states as &dyn CheckpointStore, halt, &mut |work, identity| {
+            found = Some(PlannedCommand::new(&name, &words, work, identity));
             if timed {
                 progress.say("doing one task, to see how long it takes");
                 // the first start is the given one, which is not like the others
-                let task = 1.min(tasks.count().saturating_sub(1));
+                let task = 1.min(work.count().saturating_sub(1));
                 let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().or_failure()?;
                 let begun = Instant::now();
-                let done = one.install(|| tasks.once(task, halt)).map_err(Failure::Numbers)?;
+                let done = one.install(|| work.once(task, halt)).map_err(Failure::Numbers)?;
                 seconds = done.map(|_| begun.elapsed().as_secs_f64());
             }
             Ok(())

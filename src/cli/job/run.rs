@@ -2,15 +2,14 @@
 
 use super::work::{Command, JobFolder, host, kept, read_plan, refuse_other, unwritten};
 use crate::deliver::Manner;
-use crate::failure::{Ending, Failure, OrFailure, ended, remark};
-use crate::halt::TimeLimit;
-use crate::progress::{Progress, counted};
-use crate::tasks::said;
+use crate::failure::{Ending, Failure, OrFailure, ended, remark, report};
 use clap::Args;
 use fdm_estimate::Halt;
 use fdm_lab::job::{Shard, work_off};
 use fdm_results::documents::{ShardAtWork, to_text};
 use fdm_results::store::{ProgressFile, TaskKey, TaskResults, make_folder, write_file};
+use fdm_session::halt::TimeLimit;
+use fdm_session::progress::{Progress, counted};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -93,7 +92,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         remark(format_args!("error: {}: results are lost with this program: {e}", job.folder.display()));
     }
     for failure in &failures {
-        failure.report();
+        report(failure);
     }
     if let Some(Failure::Input(_) | Failure::Model(_) | Failure::Records(_)) = failures.first() {
         return Err(Failure::Input(vec!["the tasks above cannot be done".into()]));
@@ -138,17 +137,17 @@ fn work(
     came: &(dyn Fn(u64, Vec<u8>) + Sync),
 ) -> Result<(), Failure> {
     let planned = &job.plan.commands[command as usize];
-    let read = Command::read(&planned.words)?.finishing(&planned.words, None);
+    let read = Command::read(&planned.words, &planned.words)?;
     let states = kept(&job.plan, command as usize, &BTreeMap::new())?;
-    read.tasks(&states, halt, &mut |of_command, identity| {
+    read.tasks(&states, halt, &mut |work, identity| {
         refuse_other(&planned.identity, identity, &planned.name)?;
         let numbers = |reason: String| Failure::Numbers(reason);
-        work_off(of_command, tasks, halt, came).map_err(numbers)
+        work_off(work, tasks, halt, came).map_err(numbers)
     })
     .map_err(|e| match (e, planned.name.as_str()) {
         (e, "") => e,
         (Failure::Numbers(reason), name) => Failure::Numbers(format!("{name}: {reason}")),
-        (e, name) => Failure::Input(vec![format!("{name}: {}", said(&e))]),
+        (e, name) => Failure::Input(vec![format!("{name}: {}", e)]),
     })
 }
 

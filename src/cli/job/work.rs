@@ -3,26 +3,34 @@
 //! A job file holds a command with its options by their long names. `plan` cuts the command into tasks, `run` does some of them, `merge`
 //! ends the command with what all have done, by the code that the command itself runs.
 
+use super::Shared;
+use crate::deliver::{Asked, Wanted};
 use crate::failure::{Ending, Failure, OrFailure, at, did_you_mean};
 use crate::project::{self, plain, typed};
-use crate::request::{Refusal, unclear};
-use crate::tasks::{Visit, said};
 use crate::trust::{refuse_liberties, typed_only};
-use crate::{Verb, campaign, diagnose, fit, paths, profile, reproduce, study};
+use crate::{Verb, paths, reproduce};
 use clap::{Arg, FromArgMatches};
 use fdm_estimate::{CheckpointStore, Halt};
 use fdm_lab::job::{Memory, Plan};
 use fdm_results::store::{Identity, Provenance, TaskResults, program_fingerprint, read_input_text};
+use fdm_session::Conduct;
+use fdm_session::campaign::expanded;
+use fdm_session::progress_file::Course;
+use fdm_session::request::unclear;
+use fdm_session::verb::Visit;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// A command that can be cut into tasks.
-pub(crate) enum Command {
-    Fit(Box<fit::Arguments>),
-    Study(Box<study::Arguments>),
-    Profile(Box<profile::Arguments>),
-    Diagnose(Box<diagnose::Arguments>),
+pub(crate) struct Command {
+    kind: Kind,
+    /// What results tell as their command.
+    typed: Vec<String>,
+}
+
+enum Kind {
+    Shared(Box<dyn Shared>),
     Reproduce(Box<reproduce::Arguments>),
 }
 
@@ -38,61 +46,45 @@ const LEFT_OUT: [(&str, &str); 5] = [
 ];
 
 impl Command {
-    /// The command of these words, the first of which is the verb.
-    pub(crate) fn read(words: &[String]) -> Result<Self, Failure> {
+    /// The command of these words, the first of which is the verb; its results tell the words that were `planned`.
+    pub(crate) fn read(words: &[String], planned: &[String]) -> Result<Self, Failure> {
         let mut command = crate::command();
         let all = std::iter::once("fdm".to_string()).chain(words.iter().cloned());
-        let refused = |e: &clap::Error| match unclear(e) {
-            Refusal::Words { said, .. } => Failure::Input(vec![said]),
-            _ => Failure::input([e]),
-        };
+        let refused = |e: &clap::Error| Failure::input([unclear(e)]);
         let matches = command.try_get_matches_from_mut(all).map_err(|e| refused(&e))?;
         let arguments = crate::Arguments::from_arg_matches(&matches).map_err(|e| refused(&e))?;
         paths::refuse_conflicts(&command, &matches)?;
         refuse_liberties(&command, &matches)?;
-        match arguments.verb {
-            Verb::Fit(a) => Ok(Self::Fit(a)),
-            Verb::Study(a) => Ok(Self::Study(a)),
-            Verb::Profile(a) => Ok(Self::Profile(a)),
-            Verb::Diagnose(a) => Ok(Self::Diagnose(a)),
-            Verb::Reproduce(a) => Ok(Self::Reproduce(Box::new(a))),
-            _ => Err(Failure::Input(vec![format!("command: expected {}", VERBS.join(", "))])),
-        }
-    }
-
-    /// This command where a result is to tell these words as its command; with what was done elsewhere, where it is to
-    /// end by that.
-    pub(crate) fn finishing(self, words: &[String], done: Option<Arc<Memory>>) -> Self {
-        let typed: Vec<String> = std::iter::once("fdm".to_string()).chain(words.iter().cloned()).collect();
-        match (self, done) {
-            (Self::Fit(a), done) => Self::Fit(Box::new(a.finishing(done, typed))),
-            (Self::Diagnose(a), done) => Self::Diagnose(Box::new(a.finishing(done, typed))),
-            (Self::Study(a), Some(done)) => Self::Study(Box::new(a.finishing(done, typed))),
-            (Self::Profile(a), Some(done)) => Self::Profile(Box::new(a.finishing(done))),
-            (Self::Reproduce(a), Some(done)) => Self::Reproduce(Box::new(a.finishing(done))),
-            (other, None) => other,
-        }
+        let kind = match arguments.verb {
+            Verb::Fit(a) => Kind::Shared(a),
+            Verb::Study(a) => Kind::Shared(a),
+            Verb::Profile(a) => Kind::Shared(a),
+            Verb::Diagnose(a) => Kind::Shared(a),
+            Verb::Reproduce(a) => Kind::Reproduce(Box::new(a)),
+            _ => return Err(Failure::Input(vec![format!("command: expected {}", VERBS.join(", "))])),
+        };
+        Ok(Self { kind, typed: std::iter::once("fdm".to_string()).chain(planned.iter().cloned()).collect() })
     }
 
     /// Makes ready what the tasks have in common, and shows them.
     pub(crate) fn tasks(&self, states: &dyn CheckpointStore, halt: &Halt, visit: Visit<'_>) -> Result<(), Failure> {
-        match self {
-            Self::Fit(a) => a.tasks(halt, visit),
-            Self::Study(a) => a.tasks(states, halt, visit),
-            Self::Profile(a) => a.tasks(states, halt, visit),
-            Self::Diagnose(a) => a.tasks(visit),
-            Self::Reproduce(a) => a.tasks(visit),
+        match &self.kind {
+            Kind::Reproduce(a) => a.tasks(visit),
+            Kind::Shared(a) => {
+                // the answer may be asked for as JSON at the end
+                let wanted = Wanted { json: true, ..a.places().wanted() };
+                let conduct = Conduct::hidden(halt.clone(), Course::default(), wanted);
+                let session = a.verb().session(&conduct)?.of_command(self.typed.clone());
+                a.verb().tasks(&session, &conduct, states, visit)
+            }
         }
     }
 
-    /// What the command does.
-    pub(crate) fn run(&self) -> Ending {
-        match self {
-            Self::Fit(a) => fit::run(a),
-            Self::Study(a) => study::run(a),
-            Self::Profile(a) => profile::run(a),
-            Self::Diagnose(a) => diagnose::run(a),
-            Self::Reproduce(a) => reproduce::run(a),
+    /// Ends the command with what was done elsewhere.
+    pub(crate) fn finish(self, done: Arc<Memory>) -> Ending {
+        match self.kind {
+            Kind::Reproduce(a) => a.finish(Some(done)),
+            Kind::Shared(a) => a.run(&Asked { command: self.typed, done: Some(done) }),
         }
     }
 }
@@ -171,7 +163,7 @@ fn combinations(each: &toml::Table) -> Result<Vec<(String, toml::Table)>, String
             match value.as_str().filter(|text| option == "data" && text.contains(['*', '?', '['])) {
                 // a pattern stands for its files, one by one
                 Some(pattern) => {
-                    let files = campaign::expanded(&[PathBuf::from(pattern)]).map_err(|e| said(&e))?;
+                    let files = expanded(&[PathBuf::from(pattern)]).map_err(|e| e.to_string())?;
                     values.extend(files.iter().map(|file| toml::Value::from(file.display().to_string())));
                 }
                 None => values.push(value.clone()),
@@ -327,7 +319,7 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let file = folder.path().join("job.toml");
         std::fs::write(&file, text).expect("written");
-        let read = read_job(&file).map_err(|e| said(&e))?;
+        let read = read_job(&file).map_err(|e| e.to_string())?;
         Ok(read.iter().map(|(name, words)| format!("{name}: {}", words.join(" "))).collect())
     }
 

@@ -3,7 +3,7 @@
 
 use crate::estimation::estimate::Estimate;
 use crate::methods::combinations::ignored;
-use crate::methods::equation_error::{self, Regression, RegressionError, RegressionOptions, regress};
+use crate::methods::equation_error::{Regression, RegressionError, regress};
 use crate::methods::filter_error::{FilterError, FilterFit, fit_filter};
 use crate::methods::output_error::error::FitError;
 use crate::methods::output_error::fit::Fit;
@@ -13,6 +13,7 @@ use crate::methods::responses::{ResponseError, ResponseFit, fit_responses};
 use crate::methods::spectra::{SpectralError, SpectralFit, fit_spectra};
 use crate::methods::time_domain::fit;
 use crate::problem::method::{Domain, Method};
+use crate::problem::noise::Noise;
 use crate::work::Work;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
@@ -29,7 +30,12 @@ pub enum Identified {
     /// Frequency responses.
     FrequencyResponse(Box<ResponseFit>),
     /// Equation error, in either domain.
-    EquationError(Box<Regression>),
+    EquationError {
+        /// The model with the changes that were asked for.
+        model: Box<Model>,
+        /// What was found.
+        regression: Box<Regression>,
+    },
 }
 
 impl Identified {
@@ -40,27 +46,63 @@ impl Identified {
             Self::Spectra(fit) => Some(&fit.estimate),
             Self::FilterError(found) => Some(&found.fit.estimate),
             Self::FrequencyResponse(fit) => Some(&fit.estimate),
-            Self::EquationError(_) => None,
+            Self::EquationError { .. } => None,
         }
     }
 
-    /// The model with the changes that were asked for; none of equation error.
-    pub fn model(&self) -> Option<&Model> {
+    /// The model with the changes that were asked for.
+    pub fn model(&self) -> &Model {
         match self {
-            Self::OutputError(fit) => Some(&fit.model),
-            Self::Spectra(fit) => Some(&fit.model),
-            Self::FilterError(found) => Some(&found.fit.model),
-            Self::FrequencyResponse(fit) => Some(&fit.model),
-            Self::EquationError(_) => None,
+            Self::OutputError(fit) => &fit.model,
+            Self::Spectra(fit) => &fit.model,
+            Self::FilterError(found) => &found.fit.model,
+            Self::FrequencyResponse(fit) => &fit.model,
+            Self::EquationError { model, .. } => model,
         }
     }
 
-    /// Whether the iteration converged and the data determine every free parameter; a regression always does.
+    /// The fit in the time domain, whose residuals are those of a simulation; results of the frequency domain are simulated where that is
+    /// possible.
+    pub fn in_time(&self) -> Option<&Fit> {
+        match self {
+            Self::OutputError(fit) => Some(fit),
+            Self::FilterError(found) => Some(&found.fit),
+            Self::Spectra(fit) => fit.finish.as_ref(),
+            Self::FrequencyResponse(fit) => fit.finish.as_ref(),
+            Self::EquationError { .. } => None,
+        }
+    }
+
+    /// Whether all of so many starts have ended.
+    pub fn is_complete(&self, starts: usize) -> bool {
+        !matches!(self, Self::OutputError(fit) if !fit.starts.is_empty() && fit.starts.len() != starts)
+    }
+
+    /// Whether the iteration converged, the data determine every free parameter, and the integration does not falsify them; of equation
+    /// error whether any parameter is determined.
     pub fn is_good(&self) -> bool {
         match self {
+            Self::OutputError(fit) => fit.is_good(),
+            Self::FilterError(found) => found.fit.is_good(),
             Self::Spectra(fit) => fit.is_good(),
             Self::FrequencyResponse(fit) => fit.is_good(),
-            other => other.estimate().is_none_or(Estimate::is_good),
+            Self::EquationError { regression, .. } => !regression.is_undetermined(),
+        }
+    }
+
+    /// What a good result predicts of runs that were not fitted, where `noise` is measurement noise in the time domain; none of a result that
+    /// is not good, and of equation error.
+    ///
+    /// # Errors
+    /// [`FitError`]
+    pub fn predict(&self, runs: &[Run], noise: Noise, work: &Work<'_>) -> Result<Option<Fit>, FitError> {
+        let converged = self.estimate().is_some_and(|e| e.termination.is_good());
+        match self {
+            Self::OutputError(fit) if converged => fit.predict(runs, noise, work).map(Some),
+            Self::FilterError(found) if converged => found.fit.predict(runs, noise, work).map(Some),
+            Self::Spectra(fit) if converged => fit.predict(runs, work).map(Some),
+            Self::FrequencyResponse(fit) if fit.is_good() => fit.predict(runs, work).map(Some),
+            _ => Ok(None),
         }
     }
 }
@@ -112,12 +154,8 @@ pub fn identify(
         }
         (Method::EquationError, _) => {
             let model = changed(model, &options.changes)?;
-            let domain = match domain {
-                Domain::Time => equation_error::Domain::Time,
-                Domain::Frequency => equation_error::Domain::Frequency(options.frequency.frequencies.clone()),
-            };
-            let how = RegressionOptions { domain, ..options.regression.clone() };
-            Ok(Identified::EquationError(Box::new(regress(&model, runs, &how)?)))
+            let regression = Box::new(regress(&model, runs, &options.of_regression())?);
+            Ok(Identified::EquationError { model: Box::new(model), regression })
         }
         _ => Err(IdentifyError::Domain { method, domain }),
     }

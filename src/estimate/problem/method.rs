@@ -43,6 +43,16 @@ pub enum Optimizer {
     Lbfgs,
 }
 
+/// Where the iteration begins.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum StartValues {
+    /// At the start values of the model.
+    Model,
+    /// At equation-error estimates.
+    EquationError,
+}
+
 impl Method {
     /// Whether the method works on data of this domain.
     pub fn is_of(self, domain: Domain) -> bool {

@@ -4,8 +4,10 @@ use super::amount::Tolerance;
 use super::experiment_error::ExperimentError;
 use super::noise::Noise;
 use super::signal::Signal;
+use fdm_estimate::{Domain, Method, StartValues};
 use fdm_grammar::number::{Unheld, held};
-use serde::Deserialize;
+use serde::de::{self, IntoDeserializer};
+use serde::{Deserialize, Deserializer};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -84,44 +86,43 @@ pub struct Segments {
     pub length: f64,
 }
 
-/// How a step estimates.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Method {
-    /// Output error, in time or in frequency.
-    #[default]
-    OutputError,
-    /// Frequency responses from sweeps.
-    FrequencyResponse,
-    /// Filter error.
-    FilterError,
+/// What a step does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Task {
+    /// Parameters are estimated by this method.
+    Estimation(Method),
     /// Recursive least squares, and the best of its iterates.
     RecursiveLeastSquares,
-    /// Equation error.
-    EquationError,
     /// Nothing is estimated: eigenvalues of the model as it stands.
     Modes,
 }
 
-/// Where output error compares model and records.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Domain {
-    /// Samples in time.
-    Time,
-    /// Spectra of the records.
-    Frequency,
+impl Default for Task {
+    fn default() -> Self {
+        Self::Estimation(Method::default())
+    }
 }
 
-/// Where a fit of spectra begins.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum StartValues {
-    /// At the start values of the model.
-    Model,
-    /// At equation-error estimates.
-    #[default]
-    EquationError,
+impl<'de> Deserialize<'de> for Task {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+        const WORDS: [&str; 6] = [
+            "output-error",
+            "frequency-response",
+            "filter-error",
+            "recursive-least-squares",
+            "equation-error",
+            "modes",
+        ];
+        let word = String::deserialize(from)?;
+        match word.as_str() {
+            "recursive-least-squares" => Ok(Self::RecursiveLeastSquares),
+            "modes" => Ok(Self::Modes),
+            method => {
+                let unknown = |_: de::value::Error| de::Error::unknown_variant(method, &WORDS);
+                Method::deserialize(method.into_deserializer()).map(Self::Estimation).map_err(unknown)
+            }
+        }
+    }
 }
 
 /// A step of the evaluation.
@@ -134,8 +135,8 @@ pub struct Stage {
     pub model: String,
     /// Records that it is fitted to; all when none is named.
     pub records: Vec<String>,
-    /// How.
-    pub method: Method,
+    /// What it does.
+    pub method: Task,
     /// Where output error compares: in time when not given.
     pub domain: Option<Domain>,
     /// All start values are off by this part of the truth, up and down in turn.
@@ -170,8 +171,8 @@ pub struct Stage {
     pub nonlinear: Option<String>,
     /// Standard deviations of the noise of recorded inputs, for spectra.
     pub input_noise: BTreeMap<String, f64>,
-    /// Where a fit of spectra begins.
-    pub start_values: StartValues,
+    /// Where a fit of spectra begins: at equation-error estimates when not given.
+    pub start_values: Option<StartValues>,
     /// Principal components of equation error: `auto`, `level` or a number.
     pub components: Option<String>,
     /// Samples in the window by which equation error takes rates.
@@ -317,7 +318,7 @@ fn unheld(text: &str) -> Option<String> {
 impl Stage {
     /// The records that it needs.
     pub(super) fn needed<'a>(&'a self, experiment: &'a Experiment) -> Vec<&'a str> {
-        let none = self.method == Method::Modes;
+        let none = self.method == Task::Modes;
         let all = experiment.record_names().filter(|_| self.records.is_empty());
         all.chain(self.records.iter().chain(&self.predict).map(String::as_str)).filter(|_| !none).collect()
     }

@@ -1,13 +1,14 @@
 //! A description's words as options of the rooms that estimate.
 
-use super::description::{Stage, StartValues};
+use super::description::Stage;
 use super::experiment_error::Fault;
 use super::setting::Setting;
 use fdm_estimate::equation_error::{
-    Components, Detrend, Domain, Preprocessing, RecursiveOptions, RegressionOptions, Smoothing,
+    Components, Detrend, Preprocessing, RecursiveOptions, RegressionOptions, Smoothing,
 };
 use fdm_estimate::{
-    BestOptions, FitOptions, MultiStart, Noise, Nonlinear, Options, ResponseOptions, Shooting, SpectralOptions,
+    BestOptions, Domain, FitOptions, FrequencyOptions, Method, MultiStart, Noise, Nonlinear, Options, Shooting,
+    StartValues,
 };
 use fdm_system::frequency::EndTerms;
 use fdm_system::spectrum::Frequencies;
@@ -51,35 +52,41 @@ impl Stage {
         }
     }
 
-    /// Options of a fit in the frequency domain; with a finish in the time domain where its figures are asked for.
-    pub(super) fn in_frequency(&self, setting: &Setting) -> Result<SpectralOptions, Fault> {
+    /// Options of an estimation by a method; equation error is one at frequencies where a band is given, and a fit of spectra ends in the time
+    /// domain where figures of it are asked for.
+    pub(super) fn of_method(&self, method: Method, setting: &Setting) -> Result<FitOptions, Fault> {
+        let domain = match method {
+            Method::FrequencyResponse => Domain::Frequency,
+            Method::EquationError if self.band.is_some() => Domain::Frequency,
+            _ => self.domain.unwrap_or_default(),
+        };
+        let mut options = FitOptions { method, domain, ..self.in_time(setting) };
+        if domain == Domain::Frequency {
+            options.frequency.frequencies = self.frequencies();
+            options.frequency.finish = false;
+        }
+        match (method, domain) {
+            (Method::OutputError, Domain::Frequency) => options.frequency = self.of_spectra(options.frequency)?,
+            (Method::EquationError, _) => options.regression = self.regression()?,
+            _ => {}
+        }
+        Ok(options)
+    }
+
+    fn of_spectra(&self, options: FrequencyOptions) -> Result<FrequencyOptions, Fault> {
         let ends = [("free", EndTerms::Unknown), ("known", EndTerms::Known), ("none", EndTerms::Omitted)];
         let nonlinear = [("measured-regressors", Nonlinear::MeasuredRegressors), ("linearise", Nonlinear::Linearised)];
         let of_time = |name: &String| ["rms(", "r2(", "tic("].iter().any(|kind| name.starts_with(kind));
-        Ok(SpectralOptions {
-            changes: setting.changes.clone(),
-            options: self.estimation(),
-            frequencies: self.frequencies(),
+        Ok(FrequencyOptions {
             ends: self.word(self.end_points.as_deref(), "`free`, `known`, `none`", &ends)?.unwrap_or(EndTerms::Unknown),
             nonlinear: self
                 .word(self.nonlinear.as_deref(), "`measured-regressors`, `linearise`", &nonlinear)?
                 .unwrap_or_default(),
             input_noise: self.input_noise.iter().map(|(name, deviation)| (name.clone(), *deviation)).collect(),
-            regressed: self.start_values == StartValues::EquationError,
+            regressed: self.start_values != Some(StartValues::Model),
             finish: self.expected.keys().any(of_time),
+            ..options
         })
-    }
-
-    /// Options of a fit to frequency responses.
-    pub(super) fn of_responses(&self, setting: &Setting) -> ResponseOptions {
-        let (changes, options) = (setting.changes.clone(), self.estimation());
-        ResponseOptions {
-            changes,
-            options,
-            frequencies: self.frequencies(),
-            finish: false,
-            ..ResponseOptions::default()
-        }
     }
 
     /// Options of recursive least squares.
@@ -90,8 +97,7 @@ impl Stage {
         BestOptions { recursion, restart: self.restart, ..BestOptions::default() }
     }
 
-    /// Options of equation error: at frequencies where a band is given.
-    pub(super) fn by_regression(&self) -> Result<RegressionOptions, Fault> {
+    fn regression(&self) -> Result<RegressionOptions, Fault> {
         let components = match self.components.as_deref() {
             None | Some("auto") => Components::Auto,
             Some("level") => Components::Levelled,
@@ -102,8 +108,7 @@ impl Stage {
                 Components::Count(count)
             }
         };
-        let domain = if self.band.is_some() { Domain::Frequency(self.frequencies()) } else { Domain::Time };
         let smoothing = self.smooth.map_or_else(Smoothing::default, |points| Smoothing::Local { points });
-        Ok(RegressionOptions { domain, smoothing, components, ..RegressionOptions::default() })
+        Ok(RegressionOptions { smoothing, components, ..RegressionOptions::default() })
     }
 }

@@ -27,7 +27,7 @@ mod weakest;
 
 pub use amount::{Amount, Tolerance};
 pub use catalogue::{Catalogue, UnknownName};
-pub use description::{Answer, Domain, Expected, Experiment, Method, Record, Says, Segments, Stage, StartValues};
+pub use description::{Answer, Expected, Experiment, Record, Says, Segments, Stage, Task};
 pub use evaluation::{reproduce, tables};
 pub use experiment_error::{ExperimentError, Fault};
 pub use fdm_results::documents::reproduction::{Check, Outcome};

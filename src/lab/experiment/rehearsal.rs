@@ -1,12 +1,12 @@
 //! The steps of an experiment whose estimates have a truth, again and again with other noise.
 
-use super::description::{Domain, Experiment, Method, Stage};
+use super::description::{Experiment, Stage, Task};
 use super::evaluation::evaluated;
 use super::experiment_error::ExperimentError;
 use super::noise::Colour;
 use super::setting::{Setting, Shelf};
 use super::stage::Found;
-use fdm_estimate::{FitOptions, ParameterEstimate, Status};
+use fdm_estimate::{Domain, FitOptions, Method, ParameterEstimate, Status};
 use fdm_system::Model;
 use fdm_system::record::Run;
 use std::collections::{BTreeMap, BTreeSet};
@@ -52,7 +52,7 @@ impl Stage {
             noise == Some(true)
         };
         let names = self.taken(experiment);
-        matches!(self.method, Method::OutputError | Method::FrequencyResponse | Method::FilterError)
+        matches!(self.method, Task::Estimation(method) if method != Method::EquationError)
             && self.compared != Some(false)
             && !self.says.astray
             && self.says.biased.is_empty()
@@ -134,7 +134,7 @@ fn answer(stage: &Stage, setting: &Setting, found: &Found) -> StageAnswer {
 pub fn measured_stages(experiment: &Experiment, thin: bool) -> Result<Vec<MeasuredStage>, ExperimentError> {
     let measured = |stage: &&Stage| {
         let names = stage.taken(experiment);
-        stage.method == Method::OutputError
+        stage.method == Task::Estimation(Method::OutputError)
             && stage.domain != Some(Domain::Frequency)
             && !(thin && stage.long)
             && stage.held.is_empty()

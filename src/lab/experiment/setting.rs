@@ -1,6 +1,6 @@
 //! What a step of the evaluation works on: its model, its runs, its start values, and what the truth is.
 
-use super::description::{Experiment, Record, Stage};
+use super::description::{Experiment, Record, Stage, Task};
 use super::experiment_error::{ExperimentError, Fault};
 use super::flight::flown;
 use super::stage::Found;
@@ -95,7 +95,7 @@ impl Setting {
         let all = || experiment.records.iter().map(|r| r.name.clone()).collect::<Vec<_>>();
         let names = if stage.records.is_empty() { all() } else { stage.records.clone() };
         let (mut runs, mut others) = (Vec::new(), Vec::new());
-        if stage.method != super::description::Method::Modes {
+        if stage.method != Task::Modes {
             runs = shelf.runs(&names, &model, stage)?;
             others = shelf.runs(&stage.predict, &model, stage)?;
         }

@@ -1,14 +1,14 @@
 //! A step of the evaluation: its estimation is run, and what came out is collected under the names by which it can be expected.
 
-use super::description::{Domain, Method, Stage};
+use super::description::{Stage, Task};
 use super::experiment_error::Fault;
 use super::setting::Setting;
 use super::weakest::Weakest;
-use fdm_estimate::equation_error::regress;
+use fdm_estimate::equation_error::Regression;
 use fdm_estimate::residuals::OutputQuality;
 use fdm_estimate::{
-    Direction, Estimate, Noise, ParameterEstimate, Status, Work, best_iterate, by_confidence, changed, fit, fit_filter,
-    fit_responses, fit_spectra,
+    Direction, Estimate, FilterFit, FitOptions, Identified, Method, Noise, ParameterEstimate, Status, Work,
+    best_iterate, by_confidence, changed, identify,
 };
 use fdm_system::Model;
 use fdm_system::linear::{LinearModel, Modes, Values};
@@ -63,81 +63,65 @@ impl Found {
     }
 }
 
+impl Found {
+    /// Deviations of the measurement noise are figures: `noise(y)`.
+    fn filtered(&mut self, filter: &FilterFit) {
+        let whiteness = filter.fit.quality.iter().filter_map(|q| Some(q.whiteness.as_ref()?.p_value));
+        self.figures.insert("white p".into(), whiteness.fold(1.0, f64::min));
+        for (output, deviation) in filter.fit.model.definition().outputs.iter().zip(&filter.deviations) {
+            self.figures.insert(format!("noise({})", output.quantity.name), deviation.value);
+        }
+    }
+}
+
 /// Runs a step.
 ///
 /// # Errors
 /// [`Fault`] for words that it does not have; a fit that fails is [`Found::astray`].
 pub(super) fn run(stage: &Stage, setting: &Setting) -> Result<Found, Fault> {
     match (stage.method, stage.domain) {
-        (Method::OutputError, Some(Domain::Frequency)) => in_frequency(stage, setting),
-        (Method::OutputError, _) => Ok(in_time(stage, setting)),
-        (_, Some(_)) => Err(Fault::Word {
-            place: format!("step `{}`", stage.name),
-            word: "domain".into(),
-            wanted: "the words of this method: it belongs to `output-error`",
-        }),
-        (Method::FrequencyResponse, None) => Ok(by_responses(stage, setting)),
-        (Method::FilterError, None) => Ok(by_filter(stage, setting)),
-        (Method::RecursiveLeastSquares, None) => Ok(recursively(stage, setting)),
-        (Method::EquationError, None) => by_regression(stage, setting),
-        (Method::Modes, None) => Ok(modes(setting)),
+        (Task::Estimation(Method::OutputError), _) | (_, None) => {}
+        (_, Some(_)) => {
+            return Err(Fault::Word {
+                place: format!("step `{}`", stage.name),
+                word: "domain".into(),
+                wanted: "the words of this method: it belongs to `output-error`",
+            });
+        }
+    }
+    match stage.method {
+        Task::Estimation(method) => Ok(estimated(setting, &stage.of_method(method, setting)?)),
+        Task::RecursiveLeastSquares => Ok(recursively(stage, setting)),
+        Task::Modes => Ok(modes(setting)),
     }
 }
 
-fn in_time(stage: &Stage, setting: &Setting) -> Found {
-    let fit = match fit(&setting.model, &setting.runs, &stage.in_time(setting), &Work::default()) {
-        Ok(fit) => fit,
+fn estimated(setting: &Setting, options: &FitOptions) -> Found {
+    let identified = match identify(&setting.model, &setting.runs, options, &Work::default()) {
+        Ok(identified) => identified,
         Err(e) => return Found::gone(e),
     };
-    let mut found = Found::of(&fit.estimate, fit.estimate.parameters.clone());
-    found.judged("", &fit.quality);
-    found.order = by_confidence(&fit.by_length).into_iter().map(|s| s.name).collect();
+    let mut found = match (&identified, identified.estimate()) {
+        (Identified::EquationError { regression, .. }, _) => return by_regression(regression),
+        (Identified::Spectra(fit), _) => Found::of(&fit.estimate, fit.parameters()),
+        (_, Some(estimate)) => Found::of(estimate, estimate.parameters.clone()),
+        (_, None) => Found::default(),
+    };
+    identified.in_time().iter().for_each(|fit| found.judged("", &fit.quality));
+    match &identified {
+        Identified::OutputError(fit) => {
+            found.order = by_confidence(&fit.by_length).into_iter().map(|s| s.name).collect();
+        }
+        Identified::FilterError(filter) => found.filtered(filter),
+        _ => {}
+    }
     if !setting.others.is_empty() && found.astray.is_none() {
-        match fit.predict(&setting.others, Noise::default(), &Work::default()) {
-            Ok(other) => found.judged("predicted ", &other.quality),
+        match identified.predict(&setting.others, Noise::default(), &Work::default()) {
+            Ok(other) => other.iter().for_each(|other| found.judged("predicted ", &other.quality)),
             Err(e) => found.astray = Some(e.to_string()),
         }
     }
     found
-}
-
-fn in_frequency(stage: &Stage, setting: &Setting) -> Result<Found, Fault> {
-    let fit = match fit_spectra(&setting.model, &setting.runs, &stage.in_frequency(setting)?, &Work::default()) {
-        Ok(fit) => fit,
-        Err(e) => return Ok(Found::gone(e)),
-    };
-    let mut found = Found::of(&fit.estimate, fit.parameters());
-    fit.finish.iter().for_each(|finish| found.judged("", &finish.quality));
-    if !setting.others.is_empty() && found.astray.is_none() {
-        match fit.predict(&setting.others, &Work::default()) {
-            Ok(other) => found.judged("predicted ", &other.quality),
-            Err(e) => found.astray = Some(e.to_string()),
-        }
-    }
-    Ok(found)
-}
-
-fn by_responses(stage: &Stage, setting: &Setting) -> Found {
-    match fit_responses(&setting.model, &setting.runs, &stage.of_responses(setting), &Work::default()) {
-        Ok(fit) => Found::of(&fit.estimate, fit.estimate.parameters.clone()),
-        Err(e) => Found::gone(e),
-    }
-}
-
-/// Deviations of the measurement noise are figures: `noise(y)`.
-fn by_filter(stage: &Stage, setting: &Setting) -> Found {
-    let found = match fit_filter(&setting.model, &setting.runs, &stage.in_time(setting), &Work::default()) {
-        Ok(found) => found,
-        Err(e) => return Found::gone(e),
-    };
-    let mut figures = Found::of(&found.fit.estimate, found.fit.estimate.parameters.clone());
-    figures.judged("", &found.fit.quality);
-    let whiteness = found.fit.quality.iter().filter_map(|q| Some(q.whiteness.as_ref()?.p_value));
-    figures.figures.insert("white p".into(), whiteness.fold(1.0, f64::min));
-    for (output, deviation) in setting.model.definition().outputs.iter().zip(&found.deviations) {
-        figures.figures.insert(format!("noise({})", output.quantity.name), deviation.value);
-    }
-    figures
 }
 
 /// The best iterate; the errors of its simulation, of the last one's and of least squares without forgetting are figures.
@@ -180,15 +164,7 @@ fn recursively(stage: &Stage, setting: &Setting) -> Found {
     found
 }
 
-fn by_regression(stage: &Stage, setting: &Setting) -> Result<Found, Fault> {
-    let model = match changed(&setting.model, &setting.changes) {
-        Ok(model) => model,
-        Err(e) => return Ok(Found::gone(e)),
-    };
-    let regression = match regress(&model, &setting.runs, &stage.by_regression()?) {
-        Ok(regression) => regression,
-        Err(e) => return Ok(Found::gone(e)),
-    };
+fn by_regression(regression: &Regression) -> Found {
     let mut found = Found::default();
     for fit in &regression.fits {
         for equation in &fit.equations {
@@ -211,7 +187,7 @@ fn by_regression(stage: &Stage, setting: &Setting) -> Result<Found, Fault> {
             logarithmic: false,
         }));
     }
-    Ok(found)
+    found
 }
 
 /// Eigenvalues of the model as it stands.

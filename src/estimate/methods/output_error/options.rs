@@ -1,6 +1,6 @@
 //! What can be chosen about an output-error fit in the time domain.
 
-use crate::methods::equation_error::RegressionOptions;
+use crate::methods::equation_error::{self, RegressionOptions};
 use crate::methods::output_error::loss::Loss;
 use crate::methods::responses::ResponseOptions;
 use crate::methods::spectra::{Nonlinear, SpectralOptions};
@@ -94,7 +94,7 @@ impl Default for FrequencyOptions {
 
 impl FitOptions {
     /// Those of a fit of spectra.
-    pub(crate) fn of_spectra(&self) -> SpectralOptions {
+    pub fn of_spectra(&self) -> SpectralOptions {
         let FrequencyOptions { frequencies, ends, nonlinear, input_noise, regressed, finish, .. } =
             self.frequency.clone();
         let (changes, options) = (self.changes.clone(), self.options.clone());
@@ -102,10 +102,19 @@ impl FitOptions {
     }
 
     /// Those of a fit of frequency responses.
-    pub(crate) fn of_responses(&self) -> ResponseOptions {
+    pub fn of_responses(&self) -> ResponseOptions {
         let FrequencyOptions { frequencies, segments, pairs, coherence, finish, .. } = self.frequency.clone();
         let (changes, options) = (self.changes.clone(), self.options.clone());
         ResponseOptions { changes, options, frequencies, segments, pairs, coherence, finish }
+    }
+
+    /// Those of equation error.
+    pub fn of_regression(&self) -> RegressionOptions {
+        let domain = match self.domain {
+            Domain::Time => equation_error::Domain::Time,
+            Domain::Frequency => equation_error::Domain::Frequency(self.frequency.frequencies.clone()),
+        };
+        RegressionOptions { domain, ..self.regression.clone() }
     }
 
     /// These options, but noise that the model declares is known where all variances were to be estimated.

@@ -2,7 +2,7 @@
 //! beginning, map, the values that it brings (`known T0 per run;`) and the groups that it belongs to (`param k per group aircraft;`).
 
 use crate::failure::{Failure, did_you_mean};
-use crate::load::{map_file, number};
+use crate::value::{map_file, number};
 use fdm_grammar::{Groups, Unit};
 use fdm_system::Model;
 use fdm_system::record::{Known, ReadOptions};
@@ -32,7 +32,10 @@ pub struct RecordFile {
 
 /// The files behind `--data`, patterns (`flights/*.csv`) written out in the order of the alphabet. A file that a pattern finds once more is
 /// used once.
-pub(crate) fn expanded(data: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
+///
+/// # Errors
+/// [`Failure`]
+pub fn expanded(data: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
     let (mut files, mut wrong) = (Vec::new(), Vec::new());
     for path in data {
         let text = path.to_string_lossy();
@@ -82,7 +85,7 @@ struct Row {
 }
 
 /// A table of runs as it is written.
-pub(crate) struct RunTable {
+pub struct RunTable {
     file: PathBuf,
     titles: Vec<String>,
     rows: Vec<Row>,
@@ -93,7 +96,10 @@ const OWN: [&str; 7] = ["file", "run", "role", "map", "from", "to", "begin"];
 
 impl RunTable {
     /// Reads a table: cells separated as its header is, by `,`, `;` or tabs; lines that begin with `#` are comments.
-    pub(crate) fn read(file: &Path) -> Result<Self, Failure> {
+    ///
+    /// # Errors
+    /// [`Failure`]
+    pub fn read(file: &Path) -> Result<Self, Failure> {
         let shown = file.display();
         let text = fdm_results::store::read_input_text(file)
             .map_err(|e| Failure::input([format!("--runs {shown}: {}", fdm_results::store::reason(&e))]))?;
@@ -141,7 +147,7 @@ impl RunTable {
     }
 
     /// The groups of the fitted runs (of all where none is fitted), in the order of the table.
-    pub(crate) fn groups(&self, model: &Model) -> Groups {
+    pub fn groups(&self, model: &Model) -> Groups {
         let fitted = |row: &&Row| self.role(row) == Ok(Role::Fit);
         let any = self.rows.iter().any(|r| fitted(&r));
         let mut groups = Groups::new();
@@ -158,7 +164,10 @@ impl RunTable {
     }
 
     /// Where the files of the runs are.
-    pub(crate) fn paths(&self) -> Result<Vec<PathBuf>, Failure> {
+    ///
+    /// # Errors
+    /// [`Failure`]
+    pub fn paths(&self) -> Result<Vec<PathBuf>, Failure> {
         let of_row = |row: &Row| {
             let empty = || format!("--runs {}: line {}: the cell `file` is empty", self.file.display(), row.line);
             self.cell(row, "file").map(|file| self.place(file)).ok_or_else(empty)
@@ -169,7 +178,7 @@ impl RunTable {
     }
 
     /// All files that the rows name, records and maps, whether they are there or not.
-    pub(crate) fn reads(&self) -> Vec<PathBuf> {
+    pub fn reads(&self) -> Vec<PathBuf> {
         let of_row = |row: &Row| {
             let record = self.cell(row, "file").map(|file| self.place(file));
             record.into_iter().chain(self.cell(row, "map").map(|map| self.place_of_map(map))).collect::<Vec<_>>()
@@ -189,7 +198,10 @@ impl RunTable {
     }
 
     /// The files of the runs, with `options` where a row says nothing else.
-    pub(crate) fn files(&self, model: &Model, options: &ReadOptions) -> Result<Vec<RecordFile>, Failure> {
+    ///
+    /// # Errors
+    /// [`Failure`]
+    pub fn files(&self, model: &Model, options: &ReadOptions) -> Result<Vec<RecordFile>, Failure> {
         let (known, groupings) = (known(model), model.groupings());
         let (mut wrong, mut files): (Vec<String>, Vec<RecordFile>) = (Vec::new(), Vec::new());
         let shown = self.file.display();
@@ -287,7 +299,7 @@ fn is_name(group: &str) -> bool {
 }
 
 /// `NAME=VALUE`, `NAME=VALUE UNIT`
-pub(crate) fn known_value(text: &str) -> Result<Known, String> {
+pub fn known_value(text: &str) -> Result<Known, String> {
     let (name, amount) = text.split_once('=').ok_or("expected NAME=VALUE, such as T0=293 or `T0=20 degC`")?;
     let amount = amount.trim();
     let (value, unit) = amount.split_once(char::is_whitespace).map_or((amount, None), |(v, u)| (v, Some(u.trim())));
@@ -298,7 +310,7 @@ pub(crate) fn known_value(text: &str) -> Result<Known, String> {
 }
 
 /// `GROUPING=GROUP`
-pub(crate) fn group(text: &str) -> Result<(String, String), String> {
+pub fn group(text: &str) -> Result<(String, String), String> {
     let (grouping, group) = text.split_once('=').ok_or("expected GROUPING=GROUP, such as aircraft=A")?;
     let group = group.trim();
     if group.is_empty() || !is_name(group) {
@@ -308,7 +320,7 @@ pub(crate) fn group(text: &str) -> Result<(String, String), String> {
 }
 
 /// `COLUMN`, `OUTPUT=COLUMN`
-pub(crate) fn mask(text: &str) -> Result<fdm_system::record::SampleMask, String> {
+pub fn mask(text: &str) -> Result<fdm_system::record::SampleMask, String> {
     let (output, column) = text.split_once('=').map_or((None, text), |(o, c)| (Some(o.trim().to_string()), c));
     let column = column.trim().to_string();
     if column.is_empty() {

@@ -1,84 +1,70 @@
 //! How model and records are compared: method, domain, optimizer; and the one table of what can be combined.
 
 use crate::failure::Failure;
-use crate::load::number;
-use clap::{Args, ValueEnum};
-use fdm_estimate::{self as estimate, Noise, Options, SmoothBy, takes_option};
+use crate::value::number;
+use crate::word::{one_of, word_of};
+use clap::Args;
+use fdm_estimate::{Domain, Method, Noise, Optimizer, Options, SmoothBy, StartValues, takes_option};
 
-/// What is minimised.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Method {
-    /// Maximum likelihood for measurement noise: simulated outputs against measured ones
-    OutputError,
-    /// Maximum likelihood for process noise too (turbulence), by a Kalman filter; declare it with `noise der(x) = q;`
-    FilterError,
-    /// Linear regression of measured rates; `fdm regress` has all of its options
-    EquationError,
-    /// Least squares of magnitudes and phases of frequency responses, weighted by coherence
-    FrequencyResponse,
-}
+/// What `--method` takes.
+const METHODS: [(&str, Method, &str); 4] = [
+    (
+        "output-error",
+        Method::OutputError,
+        "Maximum likelihood for measurement noise: simulated outputs against measured ones",
+    ),
+    (
+        "filter-error",
+        Method::FilterError,
+        "Maximum likelihood for process noise too (turbulence), by a Kalman filter; declare it with `noise der(x) = q;`",
+    ),
+    (
+        "equation-error",
+        Method::EquationError,
+        "Linear regression of measured rates; `fdm regress` has all of its options",
+    ),
+    (
+        "frequency-response",
+        Method::FrequencyResponse,
+        "Least squares of magnitudes and phases of frequency responses, weighted by coherence",
+    ),
+];
 
-impl From<Method> for estimate::Method {
-    fn from(method: Method) -> Self {
-        match method {
-            Method::OutputError => Self::OutputError,
-            Method::FilterError => Self::FilterError,
-            Method::EquationError => Self::EquationError,
-            Method::FrequencyResponse => Self::FrequencyResponse,
-        }
-    }
-}
+/// What `--domain` takes.
+pub(crate) const DOMAINS: [(&str, Domain, &str); 2] = [
+    ("time", Domain::Time, "Samples in time"),
+    ("frequency", Domain::Frequency, "Spectra of the records, at their frequency bins"),
+];
 
-/// Where model and records are compared.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Domain {
-    /// Samples in time
-    Time,
-    /// Spectra of the records, at their frequency bins
-    Frequency,
-}
+/// What `--optimizer` takes.
+const OPTIMIZERS: [(&str, Optimizer, &str); 3] = [
+    ("gauss-newton", Optimizer::GaussNewton, "Damped Gauss-Newton steps"),
+    ("nelder-mead", Optimizer::NelderMead, "The Nelder-Mead simplex, without derivatives; Gauss-Newton steps finish"),
+    ("lbfgs", Optimizer::Lbfgs, "Limited-memory BFGS; Gauss-Newton steps finish"),
+];
 
-impl From<Domain> for estimate::Domain {
-    fn from(domain: Domain) -> Self {
-        match domain {
-            Domain::Time => Self::Time,
-            Domain::Frequency => Self::Frequency,
-        }
-    }
-}
-
-/// How the minimum is found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Optimizer {
-    /// Damped Gauss-Newton steps
-    GaussNewton,
-    /// The Nelder-Mead simplex, without derivatives; Gauss-Newton steps finish
-    NelderMead,
-    /// Limited-memory BFGS; Gauss-Newton steps finish
-    Lbfgs,
-}
-
-/// Where the iteration begins.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum StartValues {
-    /// At the values of the model, and of `--set`
-    Model,
-    /// At equation-error estimates: in the time domain, of all iterates of recursive least squares the one that simulates best
-    EquationError,
-}
+/// What `--start-values` takes.
+const STARTS: [(&str, StartValues, &str); 2] = [
+    ("model", StartValues::Model, "At the values of the model, and of `--set`"),
+    (
+        "equation-error",
+        StartValues::EquationError,
+        "At equation-error estimates: in the time domain, of all iterates of recursive least squares the one that simulates best",
+    ),
+];
 
 /// Method, domain, optimizer, and the limits of the iteration.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Estimation")]
-pub(crate) struct Methods {
+pub struct Methods {
     /// What is minimised
-    #[arg(long, value_name = "METHOD", value_enum, default_value_t = Method::OutputError)]
+    #[arg(long, value_name = "METHOD", value_parser = one_of(&METHODS), default_value = "output-error")]
     method: Method,
     /// Where model and records are compared [default: time; frequency for frequency responses]
-    #[arg(long, value_name = "DOMAIN", value_enum)]
+    #[arg(long, value_name = "DOMAIN", value_parser = one_of(&DOMAINS))]
     domain: Option<Domain>,
     /// How the minimum is found [default: gauss-newton]
-    #[arg(long, value_name = "OPTIMIZER", value_enum, hide_short_help = true)]
+    #[arg(long, value_name = "OPTIMIZER", value_parser = one_of(&OPTIMIZERS), hide_short_help = true)]
     optimizer: Option<Optimizer>,
     #[command(flatten)]
     start: Start,
@@ -114,40 +100,41 @@ fn smooth_by(text: &str) -> Result<SmoothBy, String> {
 
 /// Where the iteration begins.
 #[derive(Debug, Args)]
-pub(crate) struct Start {
+pub struct Start {
     /// Where the iteration begins [default: model; in the frequency domain equation-error]
-    #[arg(long, value_name = "START", value_enum, hide_short_help = true)]
-    start_values: Option<StartValues>,
+    #[arg(long, value_name = "START", value_parser = one_of(&STARTS), hide_short_help = true)]
+    pub(crate) start_values: Option<StartValues>,
 }
 
 impl Start {
-    /// What was typed.
-    pub(crate) fn typed(&self) -> Option<StartValues> {
-        self.start_values
-    }
-
     /// The options that were given.
-    pub(crate) fn given(&self) -> Vec<&'static str> {
+    pub fn given(&self) -> Vec<&'static str> {
         given(&[("--start-values", self.start_values.is_some())])
     }
 }
 
 /// The names of those options that were given.
-pub(crate) fn given(options: &[(&'static str, bool)]) -> Vec<&'static str> {
+pub fn given(options: &[(&'static str, bool)]) -> Vec<&'static str> {
     options.iter().filter(|(_, given)| *given).map(|(name, _)| *name).collect()
 }
 
 /// One cell of the table: what is asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Question {
-    pub(crate) method: Method,
-    pub(crate) domain: Domain,
-    pub(crate) optimizer: Optimizer,
+pub struct Question {
+    /// What is minimised.
+    pub method: Method,
+    /// Where model and records are compared.
+    pub domain: Domain,
+    /// How the minimum is found.
+    pub optimizer: Optimizer,
 }
 
 impl Methods {
     /// What is asked for, unless it cannot be combined with itself or with the other options that were given.
-    pub(crate) fn question(&self, others: &[&'static str]) -> Result<Question, Failure> {
+    ///
+    /// # Errors
+    /// [`Failure`]
+    pub fn question(&self, others: &[&'static str]) -> Result<Question, Failure> {
         let usual = if self.method == Method::FrequencyResponse { Domain::Frequency } else { Domain::Time };
         let question = Question {
             method: self.method,
@@ -168,17 +155,13 @@ impl Methods {
     }
 
     /// Where the iteration begins, when that was said.
-    pub(crate) fn start(&self) -> Option<StartValues> {
-        self.start.typed()
+    pub fn start(&self) -> Option<StartValues> {
+        self.start.start_values
     }
 
     /// The options of an estimation with this noise.
-    pub(crate) fn options(&self, question: Question, noise: Noise) -> Options {
-        let optimizer = match question.optimizer {
-            Optimizer::GaussNewton => estimate::Optimizer::GaussNewton,
-            Optimizer::NelderMead => estimate::Optimizer::NelderMead,
-            Optimizer::Lbfgs => estimate::Optimizer::Lbfgs,
-        };
+    pub fn options(&self, question: Question, noise: Noise) -> Options {
+        let optimizer = question.optimizer;
         let (tolerance, gain, total) = (self.tolerance, self.gain, self.iterations);
         let iterations = total.unwrap_or(Options::default().iterations);
         let smooth_by = self.smooth_by.clone();
@@ -186,20 +169,10 @@ impl Methods {
     }
 }
 
-/// Methods in their domains; the columns of [`OPTIONS`].
-const RUNS: [(Method, Domain); 6] = [
-    (Method::OutputError, Domain::Time),
-    (Method::OutputError, Domain::Frequency),
-    (Method::FilterError, Domain::Time),
-    (Method::EquationError, Domain::Time),
-    (Method::EquationError, Domain::Frequency),
-    (Method::FrequencyResponse, Domain::Frequency),
-];
-
 const Y: bool = true;
 const N: bool = false;
 
-/// Which options of the command alone have a part in which column of [`RUNS`]: output error in time and frequency, filter error, equation
+/// Which options of the command alone have a part in which column of [`fdm_estimate::METHODS`]: output error in time and frequency, filter error, equation
 /// error in time and frequency, frequency responses. Of all others the library knows it ([`takes_option`]); optimizers are among these.
 const OPTIONS: [(&str, [bool; 6]); 11] = [
     ("--start-values", [Y, Y, Y, N, N, N]),
@@ -228,16 +201,19 @@ impl Question {
     /// All questions that can be asked, the usual ones first.
     fn all() -> impl Iterator<Item = Self> {
         let optimizers = [Optimizer::GaussNewton, Optimizer::NelderMead, Optimizer::Lbfgs];
-        RUNS.into_iter()
+        fdm_estimate::METHODS
+            .into_iter()
             .flat_map(move |(method, domain)| optimizers.map(|optimizer| Self { method, domain, optimizer }))
-            .filter(|q| q.takes(optimizer_name(q.optimizer)))
+            .filter(|q| q.takes(&optimizer_word(q.optimizer)))
     }
 
     /// Whether an option has a part in this question.
     fn takes(self, option: &str) -> bool {
-        let Some(column) = RUNS.iter().position(|run| *run == (self.method, self.domain)) else { return false };
+        let Some(column) = fdm_estimate::METHODS.iter().position(|run| *run == (self.method, self.domain)) else {
+            return false;
+        };
         let own = OPTIONS.iter().find(|(name, _)| *name == option).map(|(_, runs)| runs[column]);
-        own.or_else(|| takes_option(option, self.method.into(), self.domain.into())).unwrap_or(true)
+        own.or_else(|| takes_option(option, self.method, self.domain)).unwrap_or(true)
     }
 
     /// How much a user has to change to ask another question: the method counts more than the rest.
@@ -270,20 +246,20 @@ impl Refusal {
     /// What is said; `domain_typed` where the domain was not left to the method.
     fn said(&self, domain_typed: bool) -> String {
         let (from, to) = (self.asked, self.nearest);
-        let single = |method| RUNS.iter().filter(|(m, _)| *m == method).count() == 1;
+        let single = |method| fdm_estimate::METHODS.iter().filter(|(m, _)| *m == method).count() == 1;
         let (method, domain) = (from.method != to.method, from.domain != to.domain);
         // the method alone says where frequency responses and filters work
         let domain = domain && (!method || domain_typed || !single(to.method));
         let describe = |q: Question| {
             let mut words = Vec::new();
             if method {
-                words.push(format!("--method {}", value_name(q.method)));
+                words.push(format!("--method {}", word_of(&METHODS, q.method)));
             }
             if domain {
-                words.push(format!("--domain {}", value_name(q.domain)));
+                words.push(format!("--domain {}", word_of(&DOMAINS, q.domain)));
             }
             if from.optimizer != to.optimizer {
-                words.push(optimizer_name(q.optimizer).to_string());
+                words.push(optimizer_word(q.optimizer));
             }
             words.join(" ")
         };
@@ -298,34 +274,21 @@ impl Refusal {
                 format!("{option} cannot be combined with {against}: leave it out, or use {use_}{validate}")
             }
             None => {
-                let method = value_name(from.method);
+                let method = word_of(&METHODS, from.method);
                 format!("{against} cannot be combined with --method {method}: use {use_}")
             }
         }
     }
 }
 
-fn optimizer_name(optimizer: Optimizer) -> &'static str {
-    match optimizer {
-        Optimizer::GaussNewton => "--optimizer gauss-newton",
-        Optimizer::NelderMead => "--optimizer nelder-mead",
-        Optimizer::Lbfgs => "--optimizer lbfgs",
-    }
-}
-
-/// The word of a value on the command line.
-fn value_name(value: impl ValueEnum) -> String {
-    value.to_possible_value().map_or_else(String::new, |v| v.get_name().to_string())
+/// `--optimizer` and its word.
+fn optimizer_word(optimizer: Optimizer) -> String {
+    format!("--optimizer {}", word_of(&OPTIMIZERS, optimizer))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    const METHODS: [Method; 4] =
-        [Method::OutputError, Method::FilterError, Method::EquationError, Method::FrequencyResponse];
-    const DOMAINS: [Domain; 2] = [Domain::Time, Domain::Frequency];
-    const OPTIMIZERS: [Optimizer; 3] = [Optimizer::GaussNewton, Optimizer::NelderMead, Optimizer::Lbfgs];
 
     /// Every option of the command.
     fn options() -> impl Iterator<Item = &'static str> {
@@ -333,9 +296,9 @@ mod tests {
     }
 
     fn questions() -> impl Iterator<Item = Question> {
-        METHODS.into_iter().flat_map(|method| {
-            DOMAINS.into_iter().flat_map(move |domain| {
-                OPTIMIZERS.into_iter().map(move |optimizer| Question { method, domain, optimizer })
+        METHODS.into_iter().flat_map(|(_, method, _)| {
+            DOMAINS.into_iter().flat_map(move |(_, domain, _)| {
+                OPTIMIZERS.into_iter().map(move |(_, optimizer, _)| Question { method, domain, optimizer })
             })
         })
     }
@@ -357,9 +320,9 @@ mod tests {
                         assert!(text.contains("cannot be combined with --") && text.contains("use --"), "{text}");
                         let whole = format!(
                             "--method {} --domain {} {}",
-                            value_name(near.method),
-                            value_name(near.domain),
-                            optimizer_name(near.optimizer)
+                            word_of(&METHODS, near.method),
+                            word_of(&DOMAINS, near.domain),
+                            optimizer_word(near.optimizer)
                         );
                         let proposed = text.split("use ").nth(1).unwrap();
                         let words = proposed.split(" (").next().unwrap().split(" --");

@@ -10,7 +10,7 @@ const LEAST: usize = 40;
 
 /// Where something is printed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Stream {
+pub enum Stream {
     /// Standard output.
     Out,
     /// Standard error.
@@ -18,7 +18,7 @@ pub(crate) enum Stream {
 }
 
 /// Columns of a stream: what `COLUMNS` says, else those of the terminal, else 100.
-pub(crate) fn width(stream: Stream) -> usize {
+pub fn width(stream: Stream) -> usize {
     let said = || std::env::var("COLUMNS").ok()?.trim().parse::<usize>().ok().filter(|columns| *columns > 0);
     let seen = || match stream {
         Stream::Out => terminal_size_of(io::stdout()),

@@ -4,11 +4,11 @@
 //! result has no such thread.
 
 use crate::progress::RepeatsSoFar;
+use crate::session::Session;
 use fdm_estimate::{Iteration, StartSummary, Status, UnknownName};
 use fdm_results::documents::study::Study;
 use fdm_results::documents::{AtWork, CourseDocument, CourseParameter, ProgressDocument, ProgressManifest, to_text};
 use fdm_results::store::ProgressFile;
-use fdm_system::Model;
 use std::path::PathBuf;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
@@ -22,52 +22,53 @@ const SHARE: u32 = 20;
 const LONGEST: Duration = Duration::from_secs(10);
 
 /// Makes the study so far, and says how many seconds are left.
-pub(crate) type Parts = dyn Fn() -> (Study, Option<f64>) + Send + Sync;
+pub type Parts = dyn Fn() -> (Study, Option<f64>) + Send + Sync;
 
 /// How far work is.
 #[derive(Default)]
-pub(crate) struct State {
+pub struct State {
     /// What is being done, in words.
-    pub(crate) doing: String,
-    /// What is estimated, and the values as they stand.
-    pub(crate) names: Vec<UnknownName>,
-    pub(crate) values: Vec<f64>,
+    pub doing: String,
+    /// What is estimated.
+    pub names: Vec<UnknownName>,
+    /// The values as they stand.
+    pub values: Vec<f64>,
     /// Iterations of the estimation at work.
-    pub(crate) history: Vec<Iteration>,
+    pub history: Vec<Iteration>,
     /// Starts that have ended, of so many.
-    pub(crate) starts: (Vec<StartSummary>, usize),
+    pub starts: (Vec<StartSummary>, usize),
     /// Repeats of a Monte Carlo study that have ended.
-    pub(crate) repeats: Option<RepeatsSoFar>,
+    pub repeats: Option<RepeatsSoFar>,
     /// What else there is: the study so far, and the time that is left.
-    pub(crate) more: Option<Arc<Parts>>,
+    pub more: Option<Arc<Parts>>,
 }
 
 /// The course of the work, which the work itself writes and the thread reads.
 #[derive(Clone, Default)]
-pub(crate) struct Course(Arc<Mutex<State>>);
+pub struct Course(Arc<Mutex<State>>);
 
 impl Course {
-    pub(crate) fn lock(&self) -> MutexGuard<'_, State> {
+    /// To be read or written.
+    pub fn lock(&self) -> MutexGuard<'_, State> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 /// The thread and its files; they are gone when this is.
 #[derive(Default)]
-pub(crate) struct CourseWriter {
+pub struct CourseWriter {
     files: Vec<ProgressFile>,
     end: Arc<(Mutex<bool>, Condvar)>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl CourseWriter {
-    /// Writes beside these folders; does nothing where there are none.
-    pub(crate) fn begin(folders: Vec<PathBuf>, model: &Model, course: Course) -> Self {
-        if folders.is_empty() {
-            return Self::default();
-        }
+    /// Writes beside these folders.
+    pub fn begin(folders: Vec<PathBuf>, session: &Session, course: Course) -> Self {
         let files: Vec<ProgressFile> = folders.iter().map(ProgressFile::of).collect();
+        let model = &session.model;
         let head = Head {
+            command: session.command.clone(),
             began: (SystemTime::now(), Instant::now()),
             model: model.name().to_string(),
             model_file: model.source().name().to_string(),
@@ -95,11 +96,6 @@ impl CourseWriter {
         let thread = std::thread::Builder::new().name("progress".into()).spawn(work).ok();
         Self { files, end, thread }
     }
-
-    /// Whether anything is written.
-    pub(crate) fn is_writing(&self) -> bool {
-        self.thread.is_some()
-    }
 }
 
 impl Drop for CourseWriter {
@@ -116,6 +112,7 @@ impl Drop for CourseWriter {
 
 /// What does not change.
 struct Head {
+    command: Vec<String>,
     began: (SystemTime, Instant),
     model: String,
     model_file: String,
@@ -153,7 +150,7 @@ impl Head {
             left
         });
         let seconds = |time: SystemTime| time.duration_since(UNIX_EPOCH).map_or(0.0, |d| d.as_secs_f64());
-        let (command, model) = (crate::command_line(), self.model.clone());
+        let (command, model) = (self.command.clone(), self.model.clone());
         let manifest = ProgressManifest { command, model, model_file: self.model_file.clone() };
         let (began, reported) = (seconds(self.began.0), seconds(SystemTime::now()));
         let progress = AtWork { doing, began, reported, elapsed: self.began.1.elapsed().as_secs_f64(), left };

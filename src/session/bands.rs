@@ -44,7 +44,7 @@ pub(crate) fn of_simulation(
 }
 
 /// Of every run of a validation: shared parameters have the errors of the result, those of single runs were estimated anew.
-pub(crate) fn of_validation(fit: &Fit, folder: &ResultFolder, runs: &[Run]) -> Vec<Result<Bands, BandError>> {
+pub fn of_validation(fit: &Fit, folder: &ResultFolder, runs: &[Run]) -> Vec<Result<Bands, BandError>> {
     let found = ResultDocument::from(FitDocument::of(fit));
     let kept = folder.result();
     let params = &fit.model.definition().params;

@@ -1,7 +1,8 @@
 //! `--checkpoint`: the state of long work is kept, so that it can be interrupted.
 
-use crate::failure::{Failure, OrFailure, remark};
+use crate::failure::{Failure, OrFailure};
 use crate::methods::given;
+use crate::telling::remark;
 use clap::Args;
 use fdm_estimate::CheckpointStore;
 use fdm_lab::job::Memory;
@@ -13,53 +14,49 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// Where the state of long work is kept.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Interruption")]
-pub(crate) struct Checkpoints {
+pub struct Checkpoints {
     /// Keep a checkpoint in a folder: the same command resumes where it was interrupted, and ends with the same numbers
     #[arg(long, value_name = "DIR", hide_short_help = true)]
     checkpoint: Option<PathBuf>,
-    /// What was done elsewhere, where this is the end of a job.
-    #[arg(skip)]
-    pub(crate) done: Option<Arc<Memory>>,
 }
 
 /// An open checkpoint, or none.
-pub(crate) enum OpenCheckpoint {
+pub enum OpenCheckpoint {
+    /// Nothing is kept.
     None,
+    /// A folder.
     Folder(Watched),
     /// The results of tasks that were done elsewhere.
     Done(Arc<Memory>),
 }
 
 /// A checkpoint that says once when it can no longer be written.
-pub(crate) struct Watched {
+pub struct Watched {
     checkpoint: Checkpoint,
     failed: AtomicBool,
 }
 
 impl Checkpoints {
     /// The options that were given.
-    pub(crate) fn given(&self) -> Vec<&'static str> {
+    pub fn given(&self) -> Vec<&'static str> {
         given(&[("--checkpoint", self.checkpoint.is_some())])
     }
 
     /// The folder.
-    pub(crate) fn folder(&self) -> Option<&Path> {
+    pub fn folder(&self) -> Option<&Path> {
         self.checkpoint.as_deref()
     }
 
     /// Opens the folder before any work is done.
     pub(crate) fn open(&self, identity: &Identity, quiet: bool) -> Result<OpenCheckpoint, Failure> {
-        if let Some(done) = &self.done {
-            return Ok(OpenCheckpoint::Done(Arc::clone(done)));
-        }
         self.checkpoint.as_deref().map_or(Ok(OpenCheckpoint::None), |folder| open(folder, identity, quiet))
     }
 
     /// Opens a folder in it: one of several that one command needs.
-    pub(crate) fn open_within(&self, name: &str, identity: &Identity, quiet: bool) -> Result<OpenCheckpoint, Failure> {
-        if let Some(done) = &self.done {
-            return Ok(OpenCheckpoint::Done(Arc::clone(done)));
-        }
+    ///
+    /// # Errors
+    /// [`Failure::Input`], for a folder that cannot be written, or that holds the state of other work.
+    pub fn open_within(&self, name: &str, identity: &Identity, quiet: bool) -> Result<OpenCheckpoint, Failure> {
         let folder = self.checkpoint.as_ref().map(|folder| folder.join(name));
         folder.map_or(Ok(OpenCheckpoint::None), |folder| open(&folder, identity, quiet))
     }
@@ -74,7 +71,8 @@ fn open(folder: &Path, identity: &Identity, quiet: bool) -> Result<OpenCheckpoin
 }
 
 impl OpenCheckpoint {
-    pub(crate) fn keeper(&self) -> Option<&dyn CheckpointStore> {
+    /// What keeps the states, where something does.
+    pub fn keeper(&self) -> Option<&dyn CheckpointStore> {
         match self {
             Self::None => None,
             Self::Folder(watched) => Some(watched),
@@ -82,12 +80,12 @@ impl OpenCheckpoint {
         }
     }
 
-    /// Says at the end what was damaged and what could not be kept; whether the last state was kept.
-    pub(crate) fn close(self) -> bool {
+    /// Whether the last state was kept; adds what was damaged and what could not be kept.
+    pub fn close(self, said: &mut Vec<String>) -> bool {
         let Self::Folder(Watched { checkpoint, .. }) = self else { return true };
-        checkpoint.notes().iter().for_each(|n| remark(format_args!("note: {n}")));
+        said.extend(checkpoint.notes().iter().map(|n| format!("note: {n}")));
         let Some(failure) = checkpoint.failure() else { return true };
-        remark(format_args!(
+        said.push(format!(
             "warning: the checkpoint could not be written up to the end ({failure}); the result is complete, but the same \
              command would not resume from its end"
         ));

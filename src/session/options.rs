@@ -1,10 +1,14 @@
 //! Groups of options that several commands share: integration, fallback strategies, the frequency domain, Monte Carlo repeats.
 
 use crate::checkpoint::Checkpoints;
-use crate::load::{band, number};
-use crate::methods::{Start, StartValues, given};
-use clap::{Args, ValueEnum};
-use fdm_estimate::{Changes, Continuation, FitOptions, Nonlinear, Options, ResponseOptions, Shooting, SpectralOptions};
+use crate::methods::{Start, given};
+use crate::value::{band, number};
+use crate::word::one_of;
+use clap::Args;
+use fdm_estimate::{
+    Changes, Continuation, FitOptions, FrequencyOptions, Noise, Nonlinear, Options, Shooting, SpectralOptions,
+    StartValues,
+};
 use fdm_lab::study::Colour;
 use fdm_system::frequency::EndTerms;
 use fdm_system::simulate::{Accuracy, Scheme};
@@ -14,16 +18,16 @@ use std::num::NonZeroUsize;
 /// How a run is integrated.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Integration")]
-pub(crate) struct Integration {
+pub struct Integration {
     /// Equal integration steps between samples [default: as many as accuracy needs]
     #[arg(long, value_name = "N", allow_negative_numbers = true, hide_short_help = true)]
     steps: Option<NonZeroUsize>,
     /// Integration scheme: `auto` takes Radau for stiff models
-    #[arg(long, value_name = "SCHEME", value_enum, default_value_t, hide_short_help = true)]
-    integrator: Integrator,
+    #[arg(long, value_name = "SCHEME", value_parser = one_of(&INTEGRATORS), default_value = "auto", hide_short_help = true)]
+    pub(crate) integrator: ChosenScheme,
     /// Integration error that is of no consequence, as a part of each output's range [default: 1e-8]
     #[arg(long, value_name = "A", value_parser = accuracy, allow_negative_numbers = true, conflicts_with = "steps", hide_short_help = true)]
-    integration_accuracy: Option<f64>,
+    pub(crate) integration_accuracy: Option<f64>,
 }
 
 /// A part of an output's range.
@@ -32,60 +36,50 @@ fn accuracy(text: &str) -> Result<f64, String> {
     if (1e-13..=1e-3).contains(&value) { Ok(value) } else { Err("expected a part from 1e-13 to 1e-3".into()) }
 }
 
+/// A scheme; none where accuracy and speed choose it. By this name the parser does not take the option for one that may be left out.
+type ChosenScheme = Option<Scheme>;
+
 /// What `--integrator` takes.
-#[derive(Debug, Clone, Copy, Default, ValueEnum)]
-enum Integrator {
-    /// The one that reaches the accuracy with less work
-    #[default]
-    Auto,
-    /// Classical Runge-Kutta, explicit
-    RungeKutta,
-    /// Radau IIA of order 5, implicit, for stiff models
-    Radau,
-}
+const INTEGRATORS: [(&str, ChosenScheme, &str); 3] = [
+    ("auto", None, "The one that reaches the accuracy with less work"),
+    ("runge-kutta", Some(Scheme::RungeKutta), "Classical Runge-Kutta, explicit"),
+    ("radau", Some(Scheme::Radau), "Radau IIA of order 5, implicit, for stiff models"),
+];
 
 /// The integration error that chosen steps keep below, as a part of each output's range.
 const NEGLIGIBLE: f64 = 1e-8;
 
 impl Integration {
-    /// The scheme that was asked for.
-    pub(crate) fn scheme(&self) -> Option<Scheme> {
-        match self.integrator {
-            Integrator::Auto => None,
-            Integrator::RungeKutta => Some(Scheme::RungeKutta),
-            Integrator::Radau => Some(Scheme::Radau),
-        }
-    }
-
     /// The number of steps between samples that was asked for.
-    pub(crate) fn per_interval(&self) -> Option<usize> {
+    pub fn per_interval(&self) -> Option<usize> {
         self.steps.map(NonZeroUsize::get)
     }
 
-    /// The integration error that was said to be of no consequence.
-    pub(crate) fn accuracy(&self) -> Option<f64> {
-        self.integration_accuracy
+    /// The options of a fit with these among them.
+    pub fn among(&self, options: FitOptions) -> FitOptions {
+        let (scheme, accuracy) = (self.integrator, self.integration_accuracy);
+        FitOptions { per_interval: self.per_interval(), scheme, accuracy, ..options }
     }
 
-    /// The options of a fit with these among them.
-    pub(crate) fn among(&self, options: FitOptions) -> FitOptions {
-        let (per_interval, scheme, accuracy) = (self.per_interval(), self.scheme(), self.accuracy());
-        FitOptions { per_interval, scheme, accuracy, ..options }
+    /// The options of a plain fit with these changes and this noise.
+    pub(crate) fn plain(&self, changes: Changes, noise: Noise) -> FitOptions {
+        let options = Options { noise, ..Options::default() };
+        self.among(FitOptions { changes, options, ..FitOptions::default() })
     }
 
     /// The options that were given.
-    pub(crate) fn given(&self) -> Vec<&'static str> {
+    pub fn given(&self) -> Vec<&'static str> {
         given(&[
             ("--steps", self.steps.is_some()),
             ("--integration-accuracy", self.integration_accuracy.is_some()),
-            ("--integrator runge-kutta", self.scheme() == Some(Scheme::RungeKutta)),
-            ("--integrator radau", self.scheme() == Some(Scheme::Radau)),
+            ("--integrator runge-kutta", self.integrator == Some(Scheme::RungeKutta)),
+            ("--integrator radau", self.integrator == Some(Scheme::Radau)),
         ])
     }
 
     /// Scheme, steps and integration error of a run, in words; a stiff model is called so where the scheme was chosen for it.
-    pub(crate) fn said(&self, accuracy: &Accuracy) -> String {
-        let said = integration(accuracy, self.steps.is_none() && self.scheme().is_none());
+    pub fn said(&self, accuracy: &Accuracy) -> String {
+        let said = integration(accuracy, self.steps.is_none() && self.integrator.is_none());
         match accuracy.error / NEGLIGIBLE {
             lost if self.steps.is_some() && lost.is_finite() && lost >= 10.0 => {
                 format!("{said}: {lost:.0e} times what steps that are chosen (without --steps) keep to")
@@ -96,7 +90,7 @@ impl Integration {
 }
 
 /// Scheme, steps and integration error of a run, in words; `chosen` when the user did not ask for the scheme.
-pub(crate) fn integration(accuracy: &Accuracy, chosen: bool) -> String {
+pub fn integration(accuracy: &Accuracy, chosen: bool) -> String {
     let stiff = if chosen && accuracy.steps.scheme() == Scheme::Radau { " (stiff)" } else { "" };
     let error = match accuracy.error {
         // exact discretisation has none
@@ -110,7 +104,7 @@ pub(crate) fn integration(accuracy: &Accuracy, chosen: bool) -> String {
 /// Fallback strategies for fits that go astray, and checks of their estimates.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Strategy")]
-pub(crate) struct Strategies {
+pub struct Strategies {
     /// Record-length continuation, short records first: `auto` (when the plain fit fails), `never`, a number of equal lengths, or
     /// rising times
     #[arg(
@@ -137,7 +131,7 @@ pub(crate) struct Strategies {
 
 impl Strategies {
     /// The options that were given.
-    pub(crate) fn given(&self) -> Vec<&'static str> {
+    pub fn given(&self) -> Vec<&'static str> {
         given(&[
             ("--continuation", self.continuation != Continuation::default()),
             ("--substitute", !self.substitute.is_empty()),
@@ -148,7 +142,7 @@ impl Strategies {
     }
 
     /// The options of a fit with these among them.
-    pub(crate) fn among(&self, options: FitOptions) -> FitOptions {
+    pub fn among(&self, options: FitOptions) -> FitOptions {
         FitOptions {
             continuation: self.continuation.clone(),
             substitute: self.substitute.clone(),
@@ -163,7 +157,7 @@ impl Strategies {
 /// Frequency bins, and how spectra are fitted.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Frequency domain")]
-pub(crate) struct Spectra {
+pub struct Spectra {
     /// Frequency band from LO to HI, in cycles per unit of time (Hz if that is the second) [default: where the inputs excite the
     /// model]
     #[arg(long, value_name = "LO:HI", value_parser = band, hide_short_help = true)]
@@ -172,38 +166,34 @@ pub(crate) struct Spectra {
     #[arg(long, value_parser = number, value_name = "STEP", requires = "band", allow_negative_numbers = true, hide_short_help = true)]
     df: Option<f64>,
     /// End-point (leakage) corrections [default: free]
-    #[arg(long, value_name = "HOW", value_enum, hide_short_help = true)]
-    end_points: Option<EndPoints>,
+    #[arg(long, value_name = "HOW", value_parser = one_of(&END_POINTS), hide_short_help = true)]
+    end_points: Option<EndTerms>,
     /// Nonlinear terms of a model in the frequency domain [default: auto]
-    #[arg(long, value_name = "HOW", value_enum, hide_short_help = true)]
-    nonlinear: Option<NonlinearTerms>,
+    #[arg(long, value_name = "HOW", value_parser = one_of(&NONLINEAR), hide_short_help = true)]
+    nonlinear: Option<Nonlinear>,
 }
 
-#[derive(Debug, Clone, Copy, Default, ValueEnum)]
-enum EndPoints {
-    /// From the record, where outputs show the states
-    Known,
-    /// Estimated in every run
-    #[default]
-    Free,
-    /// Left out: for records that begin and end at rest
-    None,
-}
+/// What `--end-points` takes.
+static END_POINTS: [(&str, EndTerms, &str); 3] = [
+    ("known", EndTerms::Known, "From the record, where outputs show the states"),
+    ("free", EndTerms::Unknown, "Estimated in every run"),
+    ("none", EndTerms::Omitted, "Left out: for records that begin and end at rest"),
+];
 
-#[derive(Debug, Clone, Copy, Default, ValueEnum)]
-enum NonlinearTerms {
-    /// Measured regressors where the records allow it, else linearised
-    #[default]
-    Auto,
-    /// As measured regressors (pseudo-inputs) computed from the records
-    MeasuredRegressors,
-    /// Linearised at the trim
-    Linearise,
-}
+/// What `--nonlinear` takes.
+const NONLINEAR: [(&str, Nonlinear, &str); 3] = [
+    ("auto", Nonlinear::Auto, "Measured regressors where the records allow it, else linearised"),
+    (
+        "measured-regressors",
+        Nonlinear::MeasuredRegressors,
+        "As measured regressors (pseudo-inputs) computed from the records",
+    ),
+    ("linearise", Nonlinear::Linearised, "Linearised at the trim"),
+];
 
 impl Spectra {
     /// The options that were given.
-    pub(crate) fn given(&self) -> Vec<&'static str> {
+    pub fn given(&self) -> Vec<&'static str> {
         given(&[
             ("--band", self.band.is_some()),
             ("--df", self.df.is_some()),
@@ -213,7 +203,7 @@ impl Spectra {
     }
 
     /// The frequencies at which records and model are compared.
-    pub(crate) fn frequencies(&self) -> Frequencies {
+    pub fn frequencies(&self) -> Frequencies {
         match (self.band, self.df) {
             (Some((lowest, highest)), Some(df)) => Frequencies::Band { lowest, highest, spacing: Some(df) },
             (Some((low, high)), None) => Frequencies::Grid { lowest: Some(low), highest: Some(high) },
@@ -221,25 +211,14 @@ impl Spectra {
         }
     }
 
-    /// The options of a fit of spectra with these changes.
-    pub(crate) fn options(&self, changes: Changes, options: Options, start: Option<StartValues>) -> SpectralOptions {
-        SpectralOptions {
-            changes,
-            options,
+    /// What is chosen of the frequency domain, where the iteration begins as it was said.
+    pub fn options(&self, start: Option<StartValues>) -> FrequencyOptions {
+        FrequencyOptions {
             frequencies: self.frequencies(),
-            ends: match self.end_points.unwrap_or_default() {
-                EndPoints::Known => EndTerms::Known,
-                EndPoints::Free => EndTerms::Unknown,
-                EndPoints::None => EndTerms::Omitted,
-            },
-            nonlinear: match self.nonlinear.unwrap_or_default() {
-                NonlinearTerms::Auto => Nonlinear::Auto,
-                NonlinearTerms::MeasuredRegressors => Nonlinear::MeasuredRegressors,
-                NonlinearTerms::Linearise => Nonlinear::Linearised,
-            },
-            input_noise: Vec::new(),
+            ends: self.end_points.clone().unwrap_or(EndTerms::Unknown),
+            nonlinear: self.nonlinear.unwrap_or_default(),
             regressed: start != Some(StartValues::Model),
-            finish: true,
+            ..FrequencyOptions::default()
         }
     }
 }
@@ -247,7 +226,7 @@ impl Spectra {
 /// The frequency domain of `fdm diagnose`: spectra, and where their fits begin.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Frequency domain")]
-pub(crate) struct DiagnosedSpectra {
+pub struct DiagnosedSpectra {
     #[command(flatten)]
     spectra: Spectra,
     #[command(flatten)]
@@ -256,22 +235,23 @@ pub(crate) struct DiagnosedSpectra {
 
 impl DiagnosedSpectra {
     /// The options that were given.
-    pub(crate) fn given(&self) -> Vec<&'static str> {
+    pub fn given(&self) -> Vec<&'static str> {
         self.spectra.given().into_iter().chain(self.start.given()).collect()
     }
 
     /// The options of the fits.
-    pub(crate) fn options(&self) -> SpectralOptions {
-        self.spectra.options(Changes::default(), Options::default(), self.start.typed())
+    pub fn options(&self) -> SpectralOptions {
+        FitOptions { frequency: self.spectra.options(self.start.start_values), ..FitOptions::default() }.of_spectra()
     }
 }
 
 /// Everything that is particular to fits in the frequency domain.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Frequency domain")]
-pub(crate) struct FrequencyDomain {
+pub struct FrequencyDomain {
+    /// The spectra.
     #[command(flatten)]
-    pub(crate) spectra: Spectra,
+    pub spectra: Spectra,
     /// Known noise of a measured input, which biases estimates (errors in variables): the bias is removed, and standard errors
     /// include it; may be given several times
     #[arg(long = "input-noise", value_name = "INPUT=DEVIATION", value_parser = deviation, hide_short_help = true)]
@@ -290,7 +270,7 @@ pub(crate) struct FrequencyDomain {
 
 impl FrequencyDomain {
     /// The options that were given.
-    pub(crate) fn given(&self) -> Vec<&'static str> {
+    pub fn given(&self) -> Vec<&'static str> {
         let own = given(&[
             ("--input-noise", !self.input_noise.is_empty()),
             ("--segments", !self.segments.is_empty()),
@@ -300,22 +280,15 @@ impl FrequencyDomain {
         self.spectra.given().into_iter().chain(own).collect()
     }
 
-    /// The options of a fit of spectra.
-    pub(crate) fn of_spectra(&self, changes: Changes, options: Options, start: Option<StartValues>) -> SpectralOptions {
-        let input_noise = self.input_noise.clone();
-        SpectralOptions { input_noise, ..self.spectra.options(changes, options, start) }
-    }
-
-    /// The options of a fit of frequency responses.
-    pub(crate) fn of_responses(&self, changes: Changes, options: Options) -> ResponseOptions {
-        ResponseOptions {
-            changes,
-            options,
-            frequencies: self.spectra.frequencies(),
+    /// What is chosen of the frequency domain, where the iteration begins as it was said.
+    pub fn options(&self, start: Option<StartValues>) -> FrequencyOptions {
+        let usual = self.spectra.options(start);
+        FrequencyOptions {
+            input_noise: self.input_noise.clone(),
             segments: self.segments.clone(),
             pairs: self.pairs.clone(),
-            coherence: self.coherence.unwrap_or(ResponseOptions::default().coherence),
-            finish: true,
+            coherence: self.coherence.unwrap_or(usual.coherence),
+            ..usual
         }
     }
 }
@@ -335,44 +308,29 @@ fn pair(text: &str) -> Result<(String, String), String> {
 /// The noise of a Monte Carlo study, and where its repeats are kept.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Repeats")]
-pub(crate) struct Repeats {
+pub struct Repeats {
     /// Seed of the noise; the same seed gives the same repeats
     #[arg(long, value_name = "S", default_value_t = 0, allow_negative_numbers = true)]
-    pub(crate) seed: u64,
+    pub seed: u64,
     /// Colour of the noise in the repeats [default: white; for experiments as they describe it]
-    #[arg(long, value_name = "COLOUR", value_enum, value_delimiter = ',', hide_short_help = true)]
-    noise_colour: Vec<NoiseColour>,
+    #[arg(long, value_name = "COLOUR", value_parser = one_of(&COLOURS), value_delimiter = ',', hide_short_help = true)]
+    pub noise_colour: Vec<Colour>,
+    /// Where the repeats are kept.
     #[command(flatten)]
-    pub(crate) checkpoints: Checkpoints,
+    pub checkpoints: Checkpoints,
 }
 
-/// Colours as they are typed.
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum NoiseColour {
-    /// White noise
-    White,
-    /// As in the residuals: the autoregressive model that corrects the standard errors
-    Fitted,
-    /// AR(1) noise, rho = 0.9
-    Ar1,
-    /// Pink noise: power falls as one over the frequency
-    Pink,
-}
+/// What `--noise-colour` takes.
+const COLOURS: [(&str, Colour, &str); 4] = [
+    ("white", Colour::White, "White noise"),
+    ("fitted", Colour::Fitted, "As in the residuals: the autoregressive model that corrects the standard errors"),
+    ("ar1", Colour::Ar1, "AR(1) noise, rho = 0.9"),
+    ("pink", Colour::Pink, "Pink noise: power falls as one over the frequency"),
+];
 
 impl Repeats {
-    /// The colours that were asked for.
-    pub(crate) fn colours(&self) -> Vec<Colour> {
-        let colour = |tint: &NoiseColour| match tint {
-            NoiseColour::White => Colour::White,
-            NoiseColour::Fitted => Colour::Fitted,
-            NoiseColour::Ar1 => Colour::Ar1,
-            NoiseColour::Pink => Colour::Pink,
-        };
-        self.noise_colour.iter().map(colour).collect()
-    }
-
     /// The options that were given.
-    pub(crate) fn given(&self) -> Vec<&'static str> {
+    pub fn given(&self) -> Vec<&'static str> {
         let own = given(&[("--seed", self.seed != 0), ("--noise-colour", !self.noise_colour.is_empty())]);
         [own, self.checkpoints.given()].concat()
     }

@@ -6,13 +6,13 @@ use std::path::PathBuf;
 use std::sync::OnceLock;
 
 /// The option that lets machine code of units run.
-pub(crate) const ALLOW_UNITS: &str = "--allow-units";
+pub const ALLOW_UNITS: &str = "--allow-units";
 
 /// What names the model in the place of the user, where machine code is not allowed.
 static NAMED_BY: OnceLock<String> = OnceLock::new();
 
 /// From now on models are named by a file, and not by the user: machine code in them is not run unless he has allowed it.
-pub(crate) fn models_are_named_by(what: impl Into<String>, allowed: bool) {
+pub fn models_are_named_by(what: impl Into<String>, allowed: bool) {
     if !allowed {
         let _ = NAMED_BY.set(what.into());
     }
@@ -30,7 +30,7 @@ pub(crate) fn refuse_foreign_code(model: &Model) -> Result<(), String> {
 }
 
 /// As [`refuse_foreign_code`], of models that are compiled elsewhere: their texts are looked at.
-pub(crate) fn refuse_units_of(models: impl Iterator<Item = PathBuf>) -> Result<(), String> {
+pub fn refuse_units_of(models: impl Iterator<Item = PathBuf>) -> Result<(), String> {
     let Some(what) = NAMED_BY.get() else { return Ok(()) };
     for path in models {
         // what cannot be read is told where it is compiled

@@ -1,13 +1,13 @@
 //! Shows that work is going on: a live line on a terminal, a line every five seconds at most elsewhere, nothing when asked to be quiet.
 //! An interrupt ends a fit after the iteration in hand, and what was reached is printed.
 
-use crate::failure::remark;
-use crate::halt::{TimeLimit, in_time_or};
+use crate::halt::{TimeLimit, late};
 use crate::progress_file::{Course, CourseWriter};
+use crate::session::Session;
+use crate::telling::remark;
 use fdm_estimate::{Halt, Iteration, Observer, StartSummary, UnknownName, Work};
 use fdm_lab::study::Repeat;
 use fdm_report::{sparkline, visible};
-use fdm_system::Model;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::IsTerminal;
 use std::path::PathBuf;
@@ -56,13 +56,13 @@ fn in_lines(quiet: bool) -> bool {
 }
 
 /// How many of several things have ended and how long the rest will take, on a terminal only.
-pub(crate) fn counted(count: usize, what: &str) -> ProgressBar {
+pub fn counted(count: usize, what: &str) -> ProgressBar {
     let template = format!("{{spinner}} {{pos}} of {{len}} {what} [{{elapsed}}, {{eta}} left] {{msg}}");
     bar(Some(count as u64), count > 1, &template, 200)
 }
 
 /// Follows work.
-pub(crate) struct Progress {
+pub struct Progress {
     bar: ProgressBar,
     lines: bool,
     /// The costs so far, where they are to be watched.
@@ -76,7 +76,7 @@ pub(crate) struct Progress {
 
 impl Progress {
     /// Live on a terminal; `quiet` says nothing at all. An interrupt ends the work after what is in hand.
-    pub(crate) fn new(quiet: bool) -> Self {
+    pub fn new(quiet: bool) -> Self {
         let bar = bar(None, !quiet, "{spinner} {msg} [{elapsed}]", 100);
         let progress =
             Self { bar, lines: in_lines(quiet), costs: None, course: None, halt: Halt::default(), silent: false };
@@ -90,34 +90,39 @@ impl Progress {
     }
 
     /// Shows nothing; writes down how far it is, and ends the work when `halt` says so.
-    pub(crate) fn hidden(halt: Halt, course: Course) -> Self {
+    pub fn hidden(halt: Halt, course: Course) -> Self {
         let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::hidden());
         Self { bar, lines: false, costs: None, course: Some(course), halt, silent: true }
     }
 
     /// Ends the work when the time is over, too.
-    pub(crate) fn within(mut self, limit: &TimeLimit) -> Self {
+    pub fn within(mut self, limit: &TimeLimit) -> Self {
         self.halt = self.halt.at(limit.deadline());
         self
     }
 
     /// Shows how the cost falls.
-    pub(crate) fn watching(mut self, wanted: bool) -> Self {
+    pub(crate) fn watching(&mut self, wanted: bool) {
         self.costs = wanted.then(Mutex::default);
-        self
     }
 
-    /// Writes down beside these folders how far the work on a model is; nothing where there are none.
-    pub(crate) fn follow(&mut self, folders: Vec<PathBuf>, model: &Model) -> (CourseWriter, Course) {
-        let course = Course::default();
-        if !folders.is_empty() {
-            self.course = Some(course.clone());
+    /// Writes down beside these folders how far the work on a session is, as long as the writer lives; nothing where there are none.
+    pub(crate) fn follow(&mut self, folders: Vec<PathBuf>, session: &Session) -> CourseWriter {
+        if folders.is_empty() || self.silent {
+            return CourseWriter::default();
         }
-        (CourseWriter::begin(folders, model, course.clone()), course)
+        let course = Course::default();
+        self.course = Some(course.clone());
+        CourseWriter::begin(folders, session, course)
+    }
+
+    /// Where others read how far it is, where somebody does.
+    pub(crate) fn course(&self) -> Option<&Course> {
+        self.course.as_ref()
     }
 
     /// Says what is being done.
-    pub(crate) fn say(&self, text: &str) {
+    pub fn say(&self, text: &str) {
         if let Some(course) = &self.course {
             course.lock().doing = text.to_string();
         }
@@ -128,28 +133,34 @@ impl Progress {
     }
 
     /// Work that is followed here.
-    pub(crate) fn work(&self) -> Work<'_> {
+    pub fn work(&self) -> Work<'_> {
         Work::until(&self.halt).telling(self)
     }
 
     /// When to end.
-    pub(crate) fn halt(&self) -> &Halt {
+    pub fn halt(&self) -> &Halt {
         &self.halt
     }
 
     /// Ends the live line.
-    pub(crate) fn finish(&self) {
+    pub fn finish(&self) {
         self.bar.finish_and_clear();
     }
 
     /// Says so where the time limit has ended the work; says whether it has not.
-    pub(crate) fn in_time(&self) -> bool {
-        self.in_time_or("the result is the best so far")
+    pub fn in_time(&self) -> bool {
+        let late = late(&self.halt, "the result is the best so far");
+        late.iter().filter(|_| !self.silent).for_each(|said| remark(format_args!("{said}")));
+        late.is_none()
     }
 
-    /// As [`Self::in_time`], with what there is to be said of the result.
-    pub(crate) fn in_time_or(&self, result: &str) -> bool {
-        if self.silent { !self.halt.ran_out_of_time() } else { in_time_or(&self.halt, result) }
+    /// Says so where an interrupt has ended work that does not tell it itself; says whether none has.
+    pub fn uninterrupted(&self) -> bool {
+        let interrupted = self.halt.is_interrupted();
+        if interrupted && !self.silent {
+            remark(format_args!("interrupted: the result is the best so far"));
+        }
+        !interrupted
     }
 }
 
@@ -220,7 +231,7 @@ impl Observer for Progress {
 
 /// Watches the repeats of a Monte Carlo study: a bar with the time that is left on a terminal, a line now and then elsewhere. An
 /// interrupt gives up the repeats at work.
-pub(crate) struct RepeatProgress {
+pub struct RepeatProgress {
     bar: ProgressBar,
     lines: bool,
     count: usize,
@@ -230,7 +241,7 @@ pub(crate) struct RepeatProgress {
 
 /// The repeats that have ended, for others to read while the rest is at work.
 #[derive(Clone)]
-pub(crate) struct RepeatsSoFar(Arc<Mutex<Ended>>);
+pub struct RepeatsSoFar(Arc<Mutex<Ended>>);
 
 struct Ended {
     repeats: Vec<Option<Repeat>>,
@@ -244,13 +255,13 @@ impl RepeatsSoFar {
     }
 
     /// How many there are, and of how many.
-    pub(crate) fn counts(&self) -> (usize, usize) {
+    pub fn counts(&self) -> (usize, usize) {
         let ended = self.lock();
         (ended.repeats.iter().flatten().count(), ended.repeats.len())
     }
 
     /// All of them by number, and the seconds that the others will take as far as can be told.
-    pub(crate) fn read(&self) -> (Vec<Option<Repeat>>, Option<f64>) {
+    pub fn read(&self) -> (Vec<Option<Repeat>>, Option<f64>) {
         let ended = self.lock();
         let done = ended.repeats.iter().flatten().count();
         let left = ended.first.filter(|(before, _)| done > *before).map(|(before, since)| {
@@ -262,7 +273,7 @@ impl RepeatsSoFar {
 
 impl RepeatProgress {
     /// Of so many repeats of something that has a name, or none.
-    pub(crate) fn new(name: &str, count: usize, quiet: bool, halt: Halt) -> Self {
+    pub fn new(name: &str, count: usize, quiet: bool, halt: Halt) -> Self {
         let template = "{spinner} {msg} {bar:30} {pos} of {len} repeats [{elapsed}, {eta} left]";
         let bar = bar(Some(count as u64), !quiet, template, 200).with_message(visible(name).into_owned());
         Self { bar, lines: in_lines(quiet), count, so_far: None, halt }
@@ -276,12 +287,12 @@ impl RepeatProgress {
     }
 
     /// Work that is followed here.
-    pub(crate) fn work(&self) -> Work<'_> {
+    pub fn work(&self) -> Work<'_> {
         Work::until(&self.halt).telling(self)
     }
 
     /// What came of one of them, by its number.
-    pub(crate) fn came(&self, number: u64, repeat: &Repeat) {
+    pub fn came(&self, number: u64, repeat: &Repeat) {
         if let Some(so_far) = &self.so_far
             && let Some(place) = so_far.lock().repeats.get_mut(number as usize)
         {
@@ -290,7 +301,7 @@ impl RepeatProgress {
     }
 
     /// Ends the live line.
-    pub(crate) fn finish(&self) {
+    pub fn finish(&self) {
         self.bar.finish_and_clear();
     }
 

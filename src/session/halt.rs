@@ -1,13 +1,12 @@
 //! `--time-limit`, and what is said of work that ended before it was done.
 
-use crate::failure::remark;
 use clap::Args;
 use fdm_estimate::Halt;
 use std::time::{Duration, Instant};
 
 /// How long a command may work.
 #[derive(Debug, Args)]
-pub(crate) struct TimeLimit {
+pub struct TimeLimit {
     /// Longest time to work, such as 60s, 5m or 1h
     ///
     /// Then the best so far is printed and kept, with exit code 1.
@@ -39,22 +38,9 @@ fn duration(text: &str) -> Result<Duration, String> {
     if limit.is_zero() { Err(WANTED.into()) } else { Ok(limit) }
 }
 
-/// Says so where an interrupt has ended work that does not tell it itself; says whether none has.
-pub(crate) fn uninterrupted(halt: &Halt) -> bool {
-    let interrupted = halt.is_interrupted();
-    if interrupted {
-        remark(format_args!("interrupted: the result is the best so far"));
-    }
-    !interrupted
-}
-
-/// Says so where the time limit has ended the work, and what it means for the result; says whether it has not.
-pub(crate) fn in_time_or(halt: &Halt, result: &str) -> bool {
-    let over = halt.ran_out_of_time();
-    if over {
-        remark(format_args!("stopped by --time-limit: {result}"));
-    }
-    !over
+/// What is said where the time limit has ended the work: what it means for the result.
+pub(crate) fn late(halt: &Halt, result: &str) -> Option<String> {
+    halt.ran_out_of_time().then(|| format!("stopped by --time-limit: {result}"))
 }
 
 #[cfg(test)]

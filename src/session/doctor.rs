@@ -1,0 +1,200 @@
+//! `fdm doctor`: records judged before they are believed, by themselves and beside a model.
+
+use crate::answer::{Answer, Wanted};
+use crate::conduct::Conduct;
+use crate::failure::Failure;
+use crate::halt::TimeLimit;
+use crate::load::load_model;
+use crate::records::{Records, read_records, record};
+use crate::session::Session;
+use crate::value::{number, probability};
+use clap::Args;
+use fdm_doctor::{
+    AloneOptions, BesideOptions, Examination, Finding, Record, Severity, examine_alone, examine_beside,
+    examine_repeats, repaired_map,
+};
+use fdm_readers::Topic;
+use fdm_report::doctor_text;
+use fdm_report::page::doctor_page;
+use fdm_results::documents::DoctorDocument;
+use fdm_system::record::{Assumptions, open_log};
+use std::path::PathBuf;
+
+/// What records are judged with.
+#[derive(Debug, Args)]
+pub struct Options {
+    /// Model file (.fdm); without one the records are judged by themselves
+    #[arg(value_name = "MODEL")]
+    pub model: Option<PathBuf>,
+    /// The records.
+    #[command(flatten)]
+    pub records: Records,
+    /// Probability of a finding in a record without a fault, over all tests of the record by itself
+    #[arg(long, value_name = "P", default_value_t = 0.01, value_parser = probability, help_heading = "Judgement", hide_short_help = true)]
+    alpha: f64,
+    /// Odds that a fault must have beside the model to be told
+    #[arg(long, value_name = "N", default_value_t = 20.0, value_parser = odds, help_heading = "Judgement", hide_short_help = true)]
+    odds: f64,
+    /// Do not estimate delays, filters, offsets, scale factors and drifts of clocks beside the model
+    #[arg(long, requires = "model", help_heading = "Judgement", hide_short_help = true)]
+    no_estimated: bool,
+    /// Write a map with the repairs; the record is not touched
+    ///
+    /// Of findings that a map can hold.
+    #[arg(long, value_name = "MAP.toml", help_heading = "Result")]
+    pub fix: Option<PathBuf>,
+    /// Write one page for a browser: each finding with its channel drawn
+    #[arg(long, value_name = "FILE.html", help_heading = "Result")]
+    pub report: Option<PathBuf>,
+    /// How long it may work.
+    #[command(flatten)]
+    pub limit: TimeLimit,
+}
+
+/// A number above 1.
+fn odds(text: &str) -> Result<f64, String> {
+    let value = number(text)?;
+    if value > 1.0 { Ok(value) } else { Err("odds are above 1".into()) }
+}
+
+/// What a map begins with that this command wrote.
+pub const BEGINNING: &str = "# repairs proposed by fdm doctor";
+
+/// Records, and what was found in them.
+pub struct Judged {
+    records: Vec<Record>,
+    document: DoctorDocument,
+}
+
+impl Judged {
+    /// What is told of it; good where nothing but remarks was found.
+    ///
+    /// # Errors
+    /// [`Failure::Input`], for a document without a text.
+    pub fn answer(&self, wanted: Wanted) -> Result<Answer, Failure> {
+        let answer = Answer::of(doctor_text(&self.document), &self.document, wanted)?;
+        Ok(Answer { good: self.document.is_clean(), ..answer })
+    }
+
+    /// The page: each finding with its channel drawn.
+    pub fn page(&self) -> String {
+        doctor_page(&self.document, &self.records)
+    }
+}
+
+/// Judges the records that are named.
+///
+/// # Errors
+/// [`Failure`]
+pub fn judge(asked: &Options, conduct: &mut Conduct) -> Result<(Judged, Answer), Failure> {
+    let judged = asked.judged(conduct);
+    conduct.progress.finish();
+    // both are told
+    let (in_time, whole) = (conduct.progress.in_time(), conduct.progress.uninterrupted());
+    let judged = judged?;
+    let answer = judged.answer(conduct.wanted)?;
+    let good = in_time && whole && (answer.good || !asked.records.strict);
+    Ok((judged, Answer { good, ..answer }))
+}
+
+impl Options {
+    /// The records and what was found in them.
+    fn judged(&self, conduct: &Conduct) -> Result<Judged, Failure> {
+        let Some(path) = &self.model else { return self.judged_alone(&self.records.paths()?, Vec::new()) };
+        let model = self.records.grouped(&load_model(path)?)?;
+        let common = self.records.selection.options(false);
+        let files = self.records.every(&common, &model)?;
+        let read = read_records(&files, &model, &[])?;
+        let records = read.into_iter().zip(files).map(|(read, file)| record(read, file, &common)).collect();
+        let session = Session::new(model, records, Vec::new());
+        let records = self.with_other_columns(seen(&session), &session);
+        Ok(self.examined(&session, records, conduct))
+    }
+
+    /// The runs of a session beside its model.
+    pub fn beside(&self, session: &Session, conduct: &Conduct) -> Judged {
+        self.examined(session, seen(session), conduct)
+    }
+
+    fn examined(&self, session: &Session, records: Vec<Record>, conduct: &Conduct) -> Judged {
+        let told = session.read().map(|(run, summary)| {
+            let in_memory = || Assumptions::of_samples(&run.name, "arrays", run.len());
+            summary.map_or_else(in_memory, |summary| Assumptions::of(&run.name, summary))
+        });
+        let found = self.by_records(&records);
+        let options = BesideOptions { odds: self.odds, estimated: !self.no_estimated, ..BesideOptions::default() };
+        let work = conduct.progress.work();
+        let found = examine_beside(&session.model, &session.runs, &records, found, &options, &work);
+        Judged { document: DoctorDocument::of(Some(session.model.name()), told.collect(), &found), records }
+    }
+
+    /// With the columns that the model does not read, where a file is one table and all files have the same ones.
+    fn with_other_columns(&self, records: Vec<Record>, session: &Session) -> Vec<Record> {
+        let files = session.files();
+        if files.len() != records.len() {
+            return records;
+        }
+        let wider = records.iter().zip(&files).zip(session.read()).map(|((record, file), (_, summary))| {
+            let (log, _) = open_log(&file.path, self.records.selection.salvage).ok()?;
+            let [topic] = &log.topics[..] else { return None };
+            Some(record.clone().with_other_columns(topic, summary?, &file.options))
+        });
+        let Some(wider) = wider.collect::<Option<Vec<Record>>>() else { return records };
+        let names = |r: &Record| r.channels.iter().map(|c| c.name.clone()).collect::<Vec<_>>();
+        if wider.windows(2).all(|w| names(&w[0]) == names(&w[1])) { wider } else { records }
+    }
+
+    /// Every table of every file by itself, and tables in memory behind them.
+    ///
+    /// # Errors
+    /// [`Failure::Records`]
+    pub(crate) fn judged_alone(&self, files: &[PathBuf], more: Vec<(Assumptions, Topic)>) -> Result<Judged, Failure> {
+        let mut tables = tables(files, self.records.selection.salvage)?;
+        tables.extend(more);
+        let records: Vec<Record> = tables.iter().map(|(told, topic)| Record::of_topic(&told.run, topic)).collect();
+        let told = tables.into_iter().map(|(told, _)| told).collect();
+        let found = Examination { findings: self.by_records(&records), ..Examination::default() };
+        Ok(Judged { document: DoctorDocument::of(None, told, &found), records })
+    }
+
+    /// What records say by themselves.
+    fn by_records(&self, records: &[Record]) -> Vec<Finding> {
+        let options = AloneOptions { false_alarms: self.alpha, kinematics: self.model.is_none() };
+        let mut findings: Vec<Finding> = records.iter().flat_map(|record| examine_alone(record, &options)).collect();
+        findings.extend(examine_repeats(records));
+        fdm_doctor::sort(&mut findings);
+        findings
+    }
+
+    /// The repairs of the findings as a map; what a remark says may be meant.
+    pub fn map(&self, Judged { records, document }: &Judged) -> String {
+        let findings = document.findings.iter().filter(|f| f.severity == Severity::Finding);
+        let repairs = findings.filter_map(|f| f.repair.as_ref());
+        let before = self.records.selection.map_file.as_ref();
+        let map = records.first().map(|record| repaired_map(record, before, repairs)).unwrap_or_default();
+        format!("{BEGINNING}; read the record with --map-file and this file\n{}", map.text())
+    }
+}
+
+/// Runs as the doctor sees them.
+fn seen(session: &Session) -> Vec<Record> {
+    let definition = session.model.definition();
+    session.read().map(|(run, summary)| Record::of_run(definition, run, summary)).collect()
+}
+
+/// Every table of every file with more than two rows.
+fn tables(files: &[PathBuf], salvage: bool) -> Result<Vec<(Assumptions, Topic)>, Failure> {
+    let mut tables = Vec::new();
+    for path in files {
+        let (log, notes) = open_log(path, salvage).map_err(|e| Failure::Records(vec![e]))?;
+        let name = path.file_stem().map_or_else(|| "run".into(), |s| s.to_string_lossy().into_owned());
+        let mut notes = notes.into_iter();
+        for topic in log.topics.into_iter().filter(|t| t.rows() > 2) {
+            let name = if topic.name.is_empty() { name.clone() } else { format!("{name}: {}", topic.name) };
+            // said once of each file
+            let told = Assumptions::of_samples(&name, "table", topic.rows());
+            tables.push((notes.by_ref().fold(told, |told, note| told.noted("reading", note.to_string())), topic));
+        }
+    }
+    Ok(tables)
+}
