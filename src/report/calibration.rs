@@ -59,7 +59,8 @@ fn ranks(found: &CalibrationDocument) -> Section {
     table.number("spread", |p| format!("{:.1}", p.spread));
     table.number("p", |p| format!("{:.3}", p.p));
     table.words("", |p| p.judgement(found.alone()));
-    Section::new("parameters", "Ranks of the truth").with(table).explained("Shift and spread are standard normal variates where ranks are uniform. p is that of Neyman's smooth test of order 4.")
+    let note = "Shift and spread are standard normal variates where ranks are uniform. p is that of Neyman's smooth test of order 4.";
+    Section::new("parameters", "Ranks of the truth").with(table).explained(note)
 }
 
 fn histogram(k: usize, p: &CalibratedParameter, done: usize) -> Figure {

@@ -301,7 +301,7 @@ fn edge(e: &Edge) -> String {
     let Edge { output, best, other, advantage } = e;
     let Some(a) = advantage else {
         return format!(
-            "{output}: whether {best} predicts better than {other} cannot be told: too little is independent"
+            "{output}: whether {best} predicts better than {other} cannot be determined: too little is independent"
         );
     };
     let size =
@@ -367,7 +367,7 @@ mod tests {
         assert!(said.starts_with("y: a leaves 25.0 ± 20.0 % less") && said.ends_with("could be chance"), "{said}");
         let said = edge(&of(Some(Advantage { p_value: 1e-9, ..advantage })));
         assert!(said.ends_with("(p < 0.001); a predicts better"), "{said}");
-        assert!(edge(&of(None)).contains("cannot be told"));
+        assert!(edge(&of(None)).contains("cannot be determined"));
     }
 
     #[test]

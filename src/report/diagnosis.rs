@@ -277,7 +277,7 @@ fn nearest(found: &DiagnosisDocument) -> Option<Section> {
     let search = found.searches.first().filter(|_| found.causes.is_empty())?;
     let mut table = Rows::over(search.ranking.iter().take(NEAREST));
     table.name("nearest candidates", |s| s.place.clone());
-    table.number("promised gain", |s| format!("{:.1}", s.gain));
+    table.number("predicted gain", |s| format!("{:.1}", s.gain));
     table.number("chance by itself", |s| chance(s.chance));
     Some(Section::new("nearest", "What came nearest").with(table))
 }

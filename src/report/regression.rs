@@ -218,7 +218,7 @@ fn reason(fit: &EquationErrorFit) -> Option<String> {
 /// Of regressions, where there are any.
 pub(crate) fn sections(subject: &Subject) -> Vec<Section> {
     let Some(found) = subject.regression().filter(|found| !found.fits.is_empty()) else { return Vec::new() };
-    let note = "Noise of measured states enters the columns of a regression, which draws its estimates towards zero; output error does not suffer from that.";
+    let note = "Noise of measured states enters the columns of a regression, which biases its estimates towards zero; output error does not suffer from that.";
     let regressions = regressions(found).note(note).with_all(component_figures(found));
     let drawn = dependence_figures(found, &subject.frequency());
     let tables = [("highest", &found.by_cutoff), ("part", &found.by_length)];

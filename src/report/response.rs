@@ -129,9 +129,9 @@ fn coherences(all: &[Pair<'_>], unit: &str) -> Section {
     });
     table.number(&format!("from [{unit}]"), |pair| shown(pair.coherent().next()));
     table.number(&format!("to [{unit}]"), |pair| shown(pair.coherent().next_back()));
-    Section::new("pairs", "Pairs").with(table).note(
-        "Coherent: at so many frequencies the input explains 0.6 or more of what the other inputs leave of the output.",
-    )
+    Section::new("pairs", "Pairs").with(table).note(format!(
+        "Coherent: at so many frequencies the input explains {COHERENT} or more of what the other inputs leave of the output."
+    ))
 }
 
 /// What is said of pairs by their names, coherent frequencies, and frequencies in all; the least coherent pair first.

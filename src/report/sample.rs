@@ -74,7 +74,8 @@ fn parameters(found: &SampleDocument) -> Section {
     table.number("bulk", |p| count(p.bulk));
     table.number("tail", |p| count(p.tail));
     table.words("unit", |p| p.unit.clone().filter(|u| u != "1").unwrap_or_default());
-    Section::new("parameters", "Parameters").with(table).explained("R-hat is 1 where the chains agree. Bulk and tail are effective numbers of draws, for the middle and for the ends of the interval.")
+    let note = "R-hat is 1 where the chains agree. Bulk and tail are effective numbers of draws, for the middle and for the ends of the interval.";
+    Section::new("parameters", "Parameters").with(table).explained(note)
 }
 
 fn chains(found: &SampleDocument, draws: &ArvizDocument) -> Option<Section> {

@@ -1,8 +1,6 @@
 //! Sections as text for a terminal: tables in columns, each below a blank line, sentences one a line.
 
-use super::section::{Kind, Mark, Medium, Part, Rows, Section, Table};
-use comfy_table::presets::NOTHING;
-use comfy_table::{CellAlignment, Table as Grid};
+use super::section::{Cell, Column, Kind, Mark, Medium, Part, Rows, Section, Table};
 
 /// Sections below each other.
 pub(crate) fn sections(sections: &[Section]) -> String {
@@ -48,20 +46,60 @@ pub(crate) fn table<R>(rows: Rows<R>) -> String {
 }
 
 fn columns(table: &Table) -> String {
-    let columns: Vec<_> = table.columns.iter().filter(|c| c.only != Some(Medium::Page)).collect();
-    let mut grid = Grid::new();
-    grid.load_style(NOTHING).set_header(columns.iter().map(|c| c.title.as_str()));
-    for row in 0..table.rows {
-        grid.add_row(columns.iter().map(|c| {
-            let cell = &c.cells[row];
-            format!("{}{}", cell.text, if cell.mark == Mark::Warned { "!" } else { "" })
-        }));
+    let shown: Vec<Shown> = table.columns.iter().filter(|c| c.only != Some(Medium::Page)).map(Shown::new).collect();
+    let line = |k: usize, h: usize| shown.iter().map(|c| c.line(k, h)).collect::<String>();
+    let height = |k: usize| shown.iter().map(|c| c.cells[k].split('\n').count()).max().unwrap_or_default();
+    let lines = (0..=table.rows).flat_map(|k| (0..height(k)).map(move |h| (k, h)));
+    lines.map(|(k, h)| format!("{}\n", line(k, h).trim_end())).collect()
+}
+
+/// A column with its title above its cells.
+struct Shown {
+    cells: Vec<String>,
+    /// Of its widest line.
+    width: usize,
+    is_number: bool,
+}
+
+impl Shown {
+    fn new(column: &Column) -> Self {
+        let mark = |cell: &Cell| if cell.mark == Mark::Warned { "!" } else { "" };
+        let cells = column.cells.iter().map(|cell| format!("{}{}", cell.text, mark(cell)));
+        let cells: Vec<String> = std::iter::once(column.title.clone()).chain(cells).collect();
+        let width = cells.iter().flat_map(|cell| cell.split('\n')).map(|line| line.chars().count()).max();
+        Self { cells, width: width.unwrap_or_default().max(1), is_number: column.kind == Kind::Number }
     }
-    for (k, _) in columns.iter().enumerate().filter(|(_, c)| c.kind == Kind::Number) {
-        if let Some(column) = grid.column_mut(k) {
-            column.set_cell_alignment(CellAlignment::Right);
-        }
+
+    /// A line of a cell between two blanks.
+    fn line(&self, row: usize, line: usize) -> String {
+        let (text, width) = (self.cells[row].split('\n').nth(line).unwrap_or_default(), self.width);
+        if self.is_number { format!(" {text:>width$} ") } else { format!(" {text:<width$} ") }
     }
-    // without the blanks that fill the last column
-    grid.to_string().lines().map(|l| format!("{}\n", l.trim_end())).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_stand_below_their_titles_and_marks_behind_their_numbers() {
+        let mut rows = Rows::over([("k", 12.5, "stiffness\nof the spring"), ("damper", -0.04, "")]);
+        rows.name("name", |row| row.0);
+        rows.number("value", |row| Cell::warned(row.1.to_string(), row.1 < 0.0));
+        rows.words("", |_| "");
+        rows.number("on a page", |row| row.1).on_page();
+        rows.words("meaning", |row| row.2);
+        let section =
+            Section::new("a", "A").line("first").with(rows).note("last").with(Part::Note("page".into()).on_page());
+        let expected = "\
+first
+
+ name     value     meaning
+ k         12.5     stiffness
+                    of the spring
+ damper  -0.04!
+last
+";
+        assert_eq!(sections(&[section]), expected);
+    }
 }

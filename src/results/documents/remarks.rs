@@ -98,7 +98,7 @@ impl About {
         Some(match self {
             Self::Unexplained => "`fdm doctor` looks for the cause in the record, `fdm diagnose` in the model",
             Self::Undetermined => "fix some of them, give a prior, or add a run that excites them",
-            Self::Prior => "a run that excites it would tell more (`fdm design`)",
+            Self::Prior => "a run that excites it would determine it better (`fdm design`)",
             Self::Correlated => "fix one, give a prior, or add a run that tells them apart (`fdm design`)",
             Self::Offset => "declare one, `per run`",
             Self::Input => "`fdm diagnose` looks for what is missing",
