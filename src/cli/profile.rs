@@ -15,12 +15,12 @@ use clap::Args;
 use fdm_estimate::{CheckpointStore, Fit, FitOptions, Options, Status, fit_kept};
 use fdm_lab::job;
 use fdm_lab::study::{End, Profile, Profiler, StudyError};
+use fdm_numeric::parallel;
 use fdm_report::page::profile_page;
 use fdm_report::{profile_svg, profile_table};
 use fdm_results::store::Identity;
 use fdm_system::Model;
 use fdm_system::record::Run;
-use rayon::prelude::*;
 use serde::Serialize;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -98,7 +98,7 @@ impl Arguments {
         let names = self.profiled(&found)?;
         progress.say(&format!("profiling {}", names.join(", ")));
         let profiles: Result<Vec<Profile>, StudyError> =
-            names.par_iter().map(|name| profiler.of_kept(name, done)).collect();
+            parallel::map(names.iter(), |name| profiler.of_kept(name, done)).into_iter().collect();
         progress.finish();
         let profiles = profiles.or_failure()?;
         Ok(Profiled { found, profiles: Ok(profiles) })

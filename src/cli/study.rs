@@ -16,6 +16,7 @@ use fdm_lab::job;
 use fdm_lab::posterior::{Calibration, Posterior, Ranks, SampleError, Sampling, calibrated, sample};
 use fdm_lab::requirement::Draws;
 use fdm_lab::study::{Bootstrap, Colour, FORM, Repeat, Study, StudyError, Watch, series};
+use fdm_numeric::parallel;
 use fdm_report::page::calibration_page;
 use fdm_report::{Detail, calibration_text, fit_table, repeat_columns, study_table};
 use fdm_results::documents::FitDocument;
@@ -23,7 +24,6 @@ use fdm_results::documents::calibration::CalibrationDocument;
 use fdm_results::store::Identity;
 use fdm_system::Model;
 use fdm_system::record::Run;
-use rayon::prelude::*;
 use serde::Serialize;
 use std::sync::Arc;
 
@@ -183,7 +183,7 @@ impl Arguments {
         let calibration = Calibration::new(&posterior, &samples, sampling);
         let once = |k: u64| if goes_on() { calibration.once(k, &goes_on) } else { Ok(None) };
         let repeats: Result<Vec<Option<Ranks>>, SampleError> =
-            (0..u64::from(self.repeats)).into_par_iter().map(once).collect();
+            parallel::map(0..u64::from(self.repeats), once).into_iter().collect();
         Ok(calibrated(model.name(), seed, &samples.names, &repeats.map_err(refused)?))
     }
 

@@ -10,6 +10,7 @@ pub mod elementary;
 pub mod fourier;
 pub mod lanes;
 pub mod least_squares;
+pub mod parallel;
 pub mod quadratic;
 pub mod random;
 pub mod secant;
