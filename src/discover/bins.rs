@@ -9,10 +9,10 @@
 //! Signals with their quadratures: what a gain and a phase make of a signal, in cosine bins.
 
 use fdm_numeric::fourier::{ComplexFft, CosineTransform};
+use fdm_numeric::parallel;
 use fdm_system::record::even_grid::EvenGrid;
 use nalgebra::{DMatrix, DVector};
 use num_complex::Complex;
-use rayon::prelude::*;
 use std::borrow::Cow;
 use std::f64::consts::FRAC_1_SQRT_2;
 use std::sync::Arc;
@@ -182,7 +182,7 @@ impl OutputBins {
         let transformed = |(run, channel, samples, dct): Planned| {
             Self::one(&records[run], (run, channel, channels), samples, dropped, dct)
         };
-        planned.into_par_iter().map(transformed).collect()
+        parallel::map(planned, transformed)
     }
 
     /// Takes signals that are bins already, with the frequency of every row of each run; outputs with at least `least` of
@@ -204,7 +204,7 @@ impl OutputBins {
             let (residual, frequency) = (pick(&record.residual, &samples), samples.iter().map(|k| own[*k]).collect());
             Self { run, channel, samples, sampled: false, frequency, columns, residual }
         };
-        let bins: Vec<Self> = (0..records.len()).flat_map(place).collect::<Vec<_>>().into_par_iter().map(one).collect();
+        let bins = parallel::map((0..records.len()).flat_map(place), one);
         bins.into_iter().filter(|l| l.samples.len() >= least).collect()
     }
 

@@ -10,7 +10,7 @@ use crate::record::Record;
 use crate::search::{Search, faults};
 use crate::{runs_of_values, time, values};
 use fdm_estimate::Work;
-use rayon::prelude::*;
+use fdm_numeric::parallel;
 
 /// How sure a finding has to be.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -34,24 +34,20 @@ const TESTS: usize = 8;
 /// false alarms by Bonferroni's inequality.
 pub fn examine_alone(record: &Record, options: &AloneOptions) -> Vec<Finding> {
     let alpha = options.false_alarms / (TESTS * (record.channels.len() + 1)) as f64;
-    let by_channel: Vec<Vec<Finding>> = record
-        .channels
-        .par_iter()
-        .map(|channel| {
-            let mut found = Vec::new();
-            found.extend(values::sentinel(record, channel, alpha));
-            let clean = channel.without(&found);
-            found.extend(values::missing(record, channel));
-            found.extend(values::wrapped(record, &clean));
-            found.extend(values::spikes(record, &clean, alpha));
-            let clean = clean.without(&found);
-            let quantised = values::quantised(record, &clean);
-            found.extend(runs_of_values::examine(record, &clean, alpha));
-            found.extend(quantised);
-            found.extend(values::angle_unit(record, &clean));
-            found
-        })
-        .collect();
+    let by_channel: Vec<Vec<Finding>> = parallel::map(record.channels.iter(), |channel| {
+        let mut found = Vec::new();
+        found.extend(values::sentinel(record, channel, alpha));
+        let clean = channel.without(&found);
+        found.extend(values::missing(record, channel));
+        found.extend(values::wrapped(record, &clean));
+        found.extend(values::spikes(record, &clean, alpha));
+        let clean = clean.without(&found);
+        let quantised = values::quantised(record, &clean);
+        found.extend(runs_of_values::examine(record, &clean, alpha));
+        found.extend(quantised);
+        found.extend(values::angle_unit(record, &clean));
+        found
+    });
     let mut findings: Vec<Finding> = time::examine(record, alpha);
     let doubled = runs_of_values::doubled_rows(record, alpha);
     findings.extend(doubled);

@@ -5,8 +5,8 @@
 use crate::hypothesis::{Edit, Slot};
 use crate::kinematics::Kinematics;
 use crate::likelihood::{Begin, Evidence, THOROUGH, Trial};
+use fdm_numeric::parallel;
 use fdm_system::record::Run;
-use rayon::prelude::*;
 
 /// Largest lag, as a part of the record.
 const FARTHEST: f64 = 0.25;
@@ -24,7 +24,7 @@ pub(crate) fn far_delays(
         Slot::Output(output) => Some((*slot, far_delay(evidence, output, accepted, current)?)),
         _ => None,
     };
-    slots.par_iter().filter_map(one).collect()
+    parallel::map(slots.iter(), one).into_iter().flatten().collect()
 }
 
 /// The lag in samples at which the record of an output (by index) is most like what the model makes of the other outputs; none where it is

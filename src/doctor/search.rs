@@ -10,8 +10,8 @@ use crate::likelihood::{Begin, Evidence, FASTEST, Searched, THOROUGH, Trial, sea
 use crate::linearised::Linearised;
 use crate::record::{Record, Role};
 use crate::tail::Tail;
+use fdm_numeric::parallel;
 use fdm_system::Model;
-use rayon::prelude::*;
 
 /// What every round of the search has in common.
 pub(crate) struct Search<'a> {
@@ -276,7 +276,10 @@ fn examine_again(search: &Search<'_>, accepted: &mut Vec<Accepted>, current: &mu
             let trial = search.trial(&edits_with(accepted_edits, k, &near.hypothesis), &without)?;
             Some(Judged { log_odds: gain(near.hypothesis.fault, &trial, &without) + near.prior, trial, ..near.clone() })
         };
-        let likelier = accepted[k].near.par_iter().filter_map(again).max_by(|a, b| a.log_odds.total_cmp(&b.log_odds));
+        let likelier = parallel::map(accepted[k].near.iter(), again)
+            .into_iter()
+            .flatten()
+            .max_by(|a, b| a.log_odds.total_cmp(&b.log_odds));
         if let Some(better) = likelier.filter(|j| j.log_odds > accepted[k].judged.log_odds + 1.0) {
             *current = better.trial.clone();
             let before = std::mem::replace(&mut accepted[k].judged, better);
@@ -325,7 +328,7 @@ fn round(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> (Vec<Judged
         let prior = hypothesis.weight.ln() - whole;
         Some(Judged { log_odds: trial.gain_over(current) + prior, hypothesis, prior, trial })
     };
-    let mut all: Vec<Judged> = tried.into_par_iter().filter_map(judge).collect();
+    let mut all: Vec<Judged> = parallel::map(tried, judge).into_iter().flatten().collect();
     let far: Vec<(Slot, i64)> =
         if search.timed { far_delays(search.evidence, &slots, accepted, current) } else { Vec::new() };
     if (search.options.estimated || !far.is_empty()) && search.evidence.work.goes_on() {
@@ -468,7 +471,7 @@ fn estimated(
         let hypothesis = Hypothesis { fault, slots: vec![slot], edits: vec![edit(slot, fault, value)], what, weight };
         Some(Judged { log_odds: gain(fault, &trial, current) + prior, hypothesis, prior, trial })
     };
-    let mut found: Vec<Judged> = wanted.par_iter().filter_map(|w| judge(w, &abouts)).collect();
+    let mut found: Vec<Judged> = parallel::map(wanted.iter(), |w| judge(w, &abouts)).into_iter().flatten().collect();
     // a fault leads the fit astray, and what is nearly the same fault leads back: all once more about the likeliest
     let likeliest =
         found.iter().max_by(|a, b| a.log_odds.total_cmp(&b.log_odds)).filter(|j| j.trial.estimate.is_some());
@@ -478,7 +481,8 @@ fn estimated(
         let known = |(slot, fault, _): &&(Slot, Fault, f64)| {
             found.iter().all(|j| j.hypothesis.fault != *fault || j.hypothesis.slots != [*slot])
         };
-        let again: Vec<Judged> = wanted.par_iter().filter(known).filter_map(|w| judge(w, &about)).collect();
+        let again: Vec<Judged> =
+            parallel::map(wanted.iter().filter(known), |w| judge(w, &about)).into_iter().flatten().collect();
         found.extend(again);
     }
     // two fits at least for each
@@ -583,7 +587,7 @@ fn shifts_of_zero(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> Ve
         let hypothesis = Hypothesis { fault: Fault::ZeroShift, slots: vec![slot], edits, what, weight: 0.5 };
         Some(Judged { log_odds: trial.cautious_gain_over(current) + prior, hypothesis, prior, trial })
     };
-    (0..q).into_par_iter().filter_map(judge).collect()
+    parallel::map(0..q, judge).into_iter().flatten().collect()
 }
 
 /// Samples on each side of a jump.

@@ -11,6 +11,7 @@ pub mod fourier;
 pub mod halt;
 pub mod lanes;
 pub mod least_squares;
+pub mod parallel;
 pub mod quadratic;
 pub mod random;
 pub mod secant;

@@ -18,11 +18,11 @@ use clap::Args;
 use fdm_estimate::{CheckpointStore, Fit, FitOptions, Status, fit};
 use fdm_lab::job;
 use fdm_lab::study::{End, Profile, Profiler, StudyError};
+use fdm_numeric::parallel;
 use fdm_report::page::profile_page;
 use fdm_report::{profile_svg, profile_table};
 use fdm_results::store::Identity;
 use fdm_system::Model;
-use rayon::prelude::*;
 use serde::Serialize;
 
 /// What profiles work with.
@@ -86,7 +86,8 @@ impl Verb for Options {
         };
         let names = self.profiled(&found)?;
         conduct.progress.say(&format!("profiling {}", names.join(", ")));
-        let profiles: Result<Vec<Profile>, StudyError> = names.par_iter().map(|name| profiler.of(name)).collect();
+        let profiles: Result<Vec<Profile>, StudyError> =
+            parallel::map(names.iter(), |name| profiler.of(name)).into_iter().collect();
         let profiles = profiles.or_failure()?;
         let mut answer = Answer::of(profile_table(&profiles), &profiles, conduct.wanted)?;
         if conduct.wanted.files {

@@ -21,13 +21,13 @@ use fdm_lab::job;
 use fdm_lab::posterior::{Calibration, Posterior, Ranks, SampleError, Sampling, calibrated, sample};
 use fdm_lab::requirement::Draws;
 use fdm_lab::study::{Bootstrap, Colour, FORM, Study, StudyError, series};
+use fdm_numeric::parallel;
 use fdm_report::page::calibration_page;
 use fdm_report::{Detail, calibration_text, fit_table, repeat_columns, study_table};
 use fdm_results::documents::FitDocument;
 use fdm_results::documents::calibration::CalibrationDocument;
 use fdm_results::store::Identity;
 use fdm_system::Model;
-use rayon::prelude::*;
 use serde::Serialize;
 use std::sync::Arc;
 
@@ -234,7 +234,7 @@ impl Options {
         let calibration = Calibration::new(&posterior, &samples, sampling);
         let once = |k: u64| if halt.goes_on() { calibration.once(k, halt) } else { Ok(None) };
         let repeats: Result<Vec<Option<Ranks>>, SampleError> =
-            (0..u64::from(self.repeats)).into_par_iter().map(once).collect();
+            parallel::map(0..u64::from(self.repeats), once).into_iter().collect();
         Ok(calibrated(model.name(), seed, &samples.names, &repeats.map_err(refused)?))
     }
 

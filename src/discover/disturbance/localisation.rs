@@ -9,9 +9,9 @@ use super::null_model::NullModel;
 use super::place::{CLEAR, DisturbanceError, FittedRun, Place, PlaceKind, places, rank};
 use crate::bins::Cosines;
 use crate::noise::SmoothSpectrum;
+use fdm_numeric::parallel;
 use fdm_system::model::Model;
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
@@ -89,7 +89,7 @@ pub(super) fn localise(
     let forced_response = ForcedResponse::new(model, &places);
     let knots: Vec<Knots> = binned_runs.iter().map(|s| Knots::new(s, band)).collect();
     let responses = hat_responses(&forced_response, places.len(), fitted_runs, binned_runs, &knots)?;
-    let tried: Vec<Tried> = responses.par_iter().map(|own| Tried::best(binned_runs, &knots, own, null, band)).collect();
+    let tried: Vec<Tried> = parallel::map(responses.iter(), |own| Tried::best(binned_runs, &knots, own, null, band));
     // noise alone may begin where any disturbance has left it
     let null = tried
         .iter()
@@ -256,21 +256,18 @@ pub(super) fn hat_responses(
     binned_runs: &[BinnedRun],
     knots: &[Knots],
 ) -> Result<Vec<Vec<CourseResponses>>, DisturbanceError> {
-    let runs: Vec<Result<Vec<CourseResponses>, DisturbanceError>> = (0..fitted_runs.len())
-        .into_par_iter()
-        .map(|run| {
-            let (binned, knots) = (&binned_runs[run], &knots[run]);
-            let empty = vec![DMatrix::zeros(knots.low, knots.times.len()); binned.channels()];
-            let mut own = vec![empty; places];
-            let mut cosines = Cosines::new(binned.samples);
-            forced_response.respond(run, fitted_runs[run], &knots.courses(binned), &mut |place, hat, response| {
-                for (channel, bins) in binned.response(&mut cosines, &response, knots.low).into_iter().enumerate() {
-                    own[place][channel].column_mut(hat).copy_from_slice(&bins);
-                }
-            })?;
-            Ok(own)
-        })
-        .collect();
+    let runs: Vec<Result<Vec<CourseResponses>, DisturbanceError>> = parallel::map(0..fitted_runs.len(), |run| {
+        let (binned, knots) = (&binned_runs[run], &knots[run]);
+        let empty = vec![DMatrix::zeros(knots.low, knots.times.len()); binned.channels()];
+        let mut own = vec![empty; places];
+        let mut cosines = Cosines::new(binned.samples);
+        forced_response.respond(run, fitted_runs[run], &knots.courses(binned), &mut |place, hat, response| {
+            for (channel, bins) in binned.response(&mut cosines, &response, knots.low).into_iter().enumerate() {
+                own[place][channel].column_mut(hat).copy_from_slice(&bins);
+            }
+        })?;
+        Ok(own)
+    });
     let mut by_place = vec![Vec::with_capacity(fitted_runs.len()); places];
     for run in runs {
         by_place.iter_mut().zip(run?).for_each(|(list, own)| list.push(own));

@@ -20,12 +20,12 @@ use super::place::FittedRun;
 use crate::bins::{Cosines, DROPPED, Quadrature};
 use crate::screening::exceedance;
 use fdm_grammar::math;
+use fdm_numeric::parallel;
 use fdm_numeric::random::Stream;
 use fdm_numeric::statistics::gamma_tail;
 use fdm_system::model::Model;
 use nalgebra::{DMatrix, DVector};
 use num_complex::Complex;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
@@ -54,7 +54,7 @@ pub(super) fn residual_analysis(
     let judge = NoiseTest::new(binned_runs, probes(model, fitted_runs, binned_runs), &null_model.noise.spectra);
     let residuals: Vec<DMatrix<f64>> = binned_runs.iter().map(|s| s.residual.clone()).collect();
     let found = judge.tests(&judge.whitened(residuals));
-    let mut drawn: Vec<f64> = (0..DRAWS as u64).into_par_iter().map(|seed| judge.draw(seed)).collect();
+    let mut drawn: Vec<f64> = parallel::map(0..DRAWS as u64, |seed| judge.draw(seed));
     let own = least(&found);
     let repeatable = if drawn.iter().all(|v| *v <= 0.0) { 1.0 } else { exceedance(&mut drawn, own) };
     ResidualAnalysis { repeatable, coherences: judge.told(model, found) }
@@ -96,7 +96,7 @@ fn probes(model: &Model, fitted_runs: &[FittedRun<'_>], binned_runs: &[BinnedRun
             let bins: Vec<DMatrix<f64>> = binned_runs.iter().zip(&courses).map(|(s, c)| rung(mode, s, c)).collect();
             probe(Partner::Mode(name.clone()), band, &bins)
         };
-        probes.par_extend(modes.par_iter().filter_map(of_mode));
+        probes.extend(parallel::map(modes.iter(), of_mode).into_iter().flatten());
     }
     probes
 }
@@ -194,7 +194,7 @@ impl<'a> NoiseTest<'a> {
         let fitted = products.cholesky().map_or_else(|| DMatrix::zeros(p, p), |c| c.inverse());
         let by_noise = |output: usize| {
             let of = |probe: &Probe| probe.whitened(&densities, output).unwrap_or_else(|| probe.basis.clone());
-            spectra.channels[output].resonance().map(|_| probes.par_iter().map(of).collect())
+            spectra.channels[output].resonance().map(|_| parallel::map(probes.iter(), of))
         };
         let bases = (0..binned_runs[0].channels()).map(by_noise).collect();
         Self { binned_runs, densities, probes, bases, fitted }

@@ -5,8 +5,8 @@
 use super::basis::{Basis, OutputPart, gram};
 use super::saturated::PROMINENT;
 use crate::noise::LogSpectrum;
+use fdm_numeric::parallel;
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 use std::ops::Range;
 
 /// Ratio of the frequencies at which neighbouring bands begin.
@@ -70,7 +70,7 @@ impl Bands {
             let high = edges.get(band + 1).copied().unwrap_or(f64::INFINITY);
             Band::of(shared, (channel, reference), edges[band]..high, &shape[channel])
         };
-        let list = places.into_par_iter().filter_map(one).collect();
+        let list = parallel::map(places, one).into_iter().flatten().collect();
         Self { list, channels: shared.channels, narrow: !peaks.is_empty() }
     }
 }

@@ -11,9 +11,9 @@
 
 use crate::bins::OutputBins;
 use crate::noise::{LogSpectrum, ResidualPower};
+use fdm_numeric::parallel;
 use fdm_numeric::random::mixed;
 use nalgebra::{DMatrix, DMatrixView, DVector};
-use rayon::prelude::*;
 
 /// Of what a direction has beside the fitted columns, this share of its energy need not be carried.
 const LOST: f64 = 1e-5;
@@ -91,7 +91,7 @@ impl Basis {
             residual: l.residual,
             reference: false,
         };
-        let parts = bins.into_par_iter().map(part).collect();
+        let parts = parallel::map(bins, part);
         let directions = rows.columns(p, rows.ncols() - p).into_owned();
         let mut unit = directions.clone();
         for mut column in unit.column_iter_mut() {
@@ -131,7 +131,7 @@ fn products(bins: &[OutputBins], spectra: &[LogSpectrum]) -> DMatrix<f64> {
         let weight = |f: f64| spectra[part.channel].at(f.ln()).sqrt().recip();
         gram(&Sketch::new(&part.frequency, weight, k as u64).of(&part.columns))
     };
-    let each: Vec<DMatrix<f64>> = bins.par_iter().enumerate().map(of).collect();
+    let each: Vec<DMatrix<f64>> = parallel::map(bins.iter().enumerate(), of);
     let mut each = each.into_iter();
     let first = each.next().unwrap_or_else(|| DMatrix::zeros(0, 0));
     each.fold(first, |sum, own| sum + own)
@@ -235,7 +235,7 @@ impl Products {
     /// end of a view with other strides where a product has few rows or columns.)
     pub(super) fn add(&mut self, rows: DMatrixView<'_, f64>) {
         let size = self.size;
-        self.blocks.par_iter_mut().enumerate().for_each(|(k, block)| {
+        parallel::each(self.blocks.iter_mut().enumerate(), |(k, block)| {
             let first = FEW * k;
             let own = rows.rows(first, block.ncols()).transpose();
             block.gemm(1.0, &rows.rows(first, size - first), &own, 1.0);

@@ -2,9 +2,9 @@
 
 use super::basis::Basis;
 use super::projection::Frame;
+use fdm_numeric::parallel;
 use fdm_numeric::statistics::chi_squared_tail;
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 
 /// Information about an amount, relative to all runs together, below which a run says nothing of it.
 const SILENT: f64 = 1e-6;
@@ -61,7 +61,7 @@ pub(super) fn consistencies(
             residual: own.tr_mul(&residual),
         }
     };
-    let parts: Vec<OfRun> = shared.parts.par_iter().map(of).collect();
+    let parts: Vec<OfRun> = parallel::map(shared.parts.iter(), of);
     let mut runs: Vec<OfRun> = Vec::new();
     for part in parts {
         match runs.iter_mut().find(|r| r.run == part.run) {

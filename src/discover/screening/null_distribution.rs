@@ -13,9 +13,9 @@ use super::bands::{Band, Bands};
 use super::projection::Frame;
 use super::pursuit::Pursuit;
 use super::score::{Trial, equivalents};
+use fdm_numeric::parallel;
 use fdm_numeric::random::Stream;
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 use std::ops::Range;
 
 /// Draws of scores under a known spectrum.
@@ -58,13 +58,13 @@ impl Marginals {
             }
             lists
         };
-        let batches: Vec<Vec<Vec<f64>>> = (0..BATCHES).into_par_iter().map(draw).collect();
+        let batches: Vec<Vec<Vec<f64>>> = parallel::map(0..BATCHES, draw);
         let gathered = |candidate: usize| {
             let mut list: Vec<f64> = batches.iter().flat_map(|lists| &lists[candidate]).copied().collect();
             list.sort_by(|a, b| b.total_cmp(a));
             list
         };
-        Self { sorted: (0..candidates).into_par_iter().map(gathered).collect() }
+        Self { sorted: parallel::map(0..candidates, gathered) }
     }
 
     /// The chance that noise alone gives a candidate this statistic or more.
@@ -215,7 +215,7 @@ impl NullDraws {
             products.extend(pairs.list.iter().map(product));
             products
         };
-        let each: Vec<Vec<f64>> = rows.par_iter().map(of).collect();
+        let each: Vec<Vec<f64>> = parallel::map(rows.iter(), of);
         let products = DMatrix::from_vec(each.first().map_or(0, Vec::len), each.len(), each.concat());
         let beside = |(rows, band): (Range<usize>, &Band)| {
             let others = band.count - rows.len();
@@ -362,7 +362,7 @@ fn roots(bands: &Bands, frame: &Frame) -> (DMatrix<f64>, Vec<Range<usize>>) {
         parts.push((band, own));
         left = others;
     }
-    parts.into_par_iter().for_each(|(band, own)| own.copy_from_slice((&across * &band.root).as_slice()));
+    parallel::each(parts, |(band, own)| own.copy_from_slice((&across * &band.root).as_slice()));
     (roots, rows)
 }
 

@@ -21,9 +21,9 @@ use super::bands::{Band, Bands};
 use super::basis::{Basis, OutputPart};
 use super::projection::{Frame, leverage, remainder};
 use crate::noise::{LogSpectrum, ResidualPower};
+use fdm_numeric::parallel;
 use fdm_numeric::random::mixed;
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 
 /// Rounds of noise from residuals and projection by noise: without all that candidates explain, with the shape inside bands that the residual
 /// has; and without what the residual follows, with the shape of what is left of it.
@@ -76,11 +76,11 @@ impl Noise {
     fn renew(&mut self, frame: &Frame, held: &DMatrix<f64>, density: Vec<f64>) {
         let basis = &frame.axes * held;
         let multiples = &basis * held.tr_mul(&frame.residual(&self.bands, &density));
-        let left: Vec<f64> = self.bands.list.par_iter().map(|band| remainder(band, &multiples)).collect();
+        let left: Vec<f64> = parallel::map(self.bands.list.iter(), |band| remainder(band, &multiples));
         let own: Vec<(&Band, &f64)> = self.bands.list.iter().zip(&density).collect();
         let combinations = basis.transpose();
         let freedom: Vec<f64> =
-            own.par_iter().map(|(c, s)| (c.count as f64 - leverage(c, **s, &combinations)).max(0.0)).collect();
+            parallel::map(own.iter(), |(c, s)| (c.count as f64 - leverage(c, **s, &combinations)).max(0.0));
         self.taken = (basis, multiples);
         self.spectra = self.fitted(&left, &freedom, None);
         self.density = densities(&self.bands, &self.spectra);
@@ -104,7 +104,7 @@ impl Noise {
                 .collect();
             LogSpectrum::of_bands((&left, self.level[channel]), self.bands.narrow, like.map(|like| &like[channel]))
         };
-        (0..self.bands.channels).into_par_iter().map(of).collect()
+        parallel::map(0..self.bands.channels, of)
     }
 }
 

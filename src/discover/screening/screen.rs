@@ -11,9 +11,9 @@ use super::score::{ABSORBED, Best, Direction, Shape, Trial, best, equivalents};
 use super::standardised::{Outlier, Saturated};
 use crate::bins::{OutputBins, Record};
 use crate::noise::LogSpectrum;
+use fdm_numeric::parallel;
 use fdm_numeric::random::Stream;
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 use serde::Serialize;
 use std::ops::Range;
 
@@ -319,7 +319,7 @@ impl<'a> Judge<'a> {
         let usable: Vec<bool> = (0..directions.len()).map(|k| own(k) > ABSORBED * frame.energy[k]).collect();
         let mut trials = Trial::all(directions, &usable);
         let drawing = NullDraws::new(&noise.bands, &frame, &trials);
-        trials.par_iter_mut().for_each(|t| t.freedom = freedom(t, &noise, &drawing));
+        parallel::each(trials.iter_mut(), |t| t.freedom = freedom(t, &noise, &drawing));
         let marginals = Marginals::new(&frame.directions, &trials, candidates);
         let residual = frame.residual(&noise.bands, &noise.density);
         let plain = likeliest(&noise.bands, &noise.spectra);
@@ -356,7 +356,7 @@ impl<'a> Judge<'a> {
     fn draws(&self, range: Range<usize>) -> Vec<f64> {
         let starts: Vec<usize> = range.clone().step_by(BATCH).collect();
         let batch = |first: usize| self.batch(first..range.end.min(first + BATCH));
-        starts.into_par_iter().map(batch).collect::<Vec<_>>().concat()
+        parallel::map(starts, batch).concat()
     }
 
     fn batch(&self, range: Range<usize>) -> Vec<f64> {

@@ -5,9 +5,9 @@ use super::basis::{Basis, OutputPart};
 use super::saturated::{Noise, with_ends};
 use crate::noise::{LogSpectrum, correlation_factor};
 use fdm_numeric::fourier::CosineTransform;
+use fdm_numeric::parallel;
 use fdm_numeric::statistics::chi_squared_tail;
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 use std::f64::consts::FRAC_1_SQRT_2;
 
 /// Deviations beyond which a bin or a sample is cut back.
@@ -68,7 +68,7 @@ impl Standardised {
             (deviation, bins, taken)
         };
         let (mut deviation, mut bins, mut taken) = (Vec::new(), Vec::new(), Vec::new());
-        for (own, rest, signals) in shared.parts.par_iter().map(of).collect::<Vec<_>>() {
+        for (own, rest, signals) in parallel::map(shared.parts.iter(), of) {
             deviation.push(own);
             bins.push(rest);
             taken.push(signals);

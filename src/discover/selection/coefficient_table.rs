@@ -19,11 +19,11 @@ use fdm_effects::NewParam;
 use fdm_estimate::{Estimate, ParameterEstimate};
 use fdm_grammar::model::Param;
 use fdm_grammar::syntax::Class;
+use fdm_numeric::parallel;
 use fdm_numeric::statistics::chi_squared_tail;
 use fdm_system::model::Model;
 use fdm_system::simulate::Simulator;
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 use std::collections::BTreeSet;
 
 /// Most dependences that are tried: as many places as an effect of another field may have.
@@ -159,7 +159,7 @@ impl FrontProblem<'_> {
             let fit = split_fit_within(&line.model, self.runs, self.noise, TRIAL).ok()?;
             Some(Trial { pair, gain: own - fit.fitting.cost, line, theta: fit.theta })
         };
-        let mut trials: Vec<Trial> = pairs.into_par_iter().filter_map(trial).collect();
+        let mut trials: Vec<Trial> = parallel::map(pairs, trial).into_iter().flatten().collect();
         trials.sort_by(|a, b| b.gain.total_cmp(&a.gain));
         let (count, most) = (trials.len() as f64, trials.first()?.gain);
         let chance =

@@ -19,9 +19,9 @@ use super::whitening::{CommonNoise, ExcessNoise};
 use crate::bins::{Record, Signals};
 use crate::noise::LogSpectrum;
 use fdm_estimate::Work;
+use fdm_numeric::parallel;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
-use rayon::prelude::*;
 use std::ops::{Range, RangeInclusive};
 
 /// Candidates that are refitted, at least.
@@ -97,16 +97,16 @@ impl ForwardStep<'_> {
         chosen.extend(unlikely.map(|u| u.candidate).filter(|t| !chosen.contains(t)));
         work.stage(&format!("fitting the best {} of {} candidates", chosen.len(), self.simulated.len()));
         let fitted = |t: &usize| self.may_go_on().ok().and_then(|()| self.candidate(*t, &projection, &noise, &base));
-        let mut models: Vec<CandidateModel> = chosen.par_iter().filter_map(fitted).collect();
+        let mut models: Vec<CandidateModel> = parallel::map(chosen.iter(), fitted).into_iter().flatten().collect();
         self.may_go_on()?;
         sort(&mut models);
         let leaders = models.len().min(LEADERS);
-        models[..leaders].par_iter_mut().for_each(|c| c.finish(self, &noise, &base));
+        parallel::each(models[..leaders].iter_mut(), |c| c.finish(self, &noise, &base));
         self.may_go_on()?;
         sort(&mut models);
         let mut alike: Vec<CandidateModel> =
-            self.alike(&models, &ranked, &projection).par_iter().filter_map(fitted).collect();
-        alike.par_iter_mut().for_each(|c| c.finish(self, &noise, &base));
+            parallel::map(self.alike(&models, &ranked, &projection).iter(), fitted).into_iter().flatten().collect();
+        parallel::each(alike.iter_mut(), |c| c.finish(self, &noise, &base));
         models.extend(alike);
         drop(projection);
         self.may_go_on()?;
@@ -128,7 +128,7 @@ impl ForwardStep<'_> {
         let near = (models[0].gain - BEHIND).min(PART * models[0].gain);
         let (mut models, far): (Vec<_>, Vec<_>) = models.into_iter().partition(|c| c.gain >= near);
         let mut base_validation = self.base_validation(&noise, &base);
-        models.par_iter_mut().for_each(|c| {
+        parallel::each(models.iter_mut(), |c| {
             c.finish(self, &noise, &base);
             c.compare(self, &noise, base_validation.as_ref());
         });
@@ -137,12 +137,12 @@ impl ForwardStep<'_> {
         if let Some(raised) = self.with_excess(&noise, base_validation.as_ref(), &models) {
             noise = raised;
             base_validation = self.base_validation(&noise, &base);
-            models.par_iter_mut().for_each(|c| c.compare(self, &noise, base_validation.as_ref()));
+            parallel::each(models.iter_mut(), |c| c.compare(self, &noise, base_validation.as_ref()));
         }
         sort(&mut models);
         // a name is worth looking for other minima
         let least = models[0].score() - CLOSE;
-        models.par_iter_mut().filter(|c| c.score() > least).for_each(|c| {
+        parallel::each(models.iter_mut().filter(|c| c.score() > least), |c| {
             if c.again(self, &noise, &base) {
                 c.compare(self, &noise, base_validation.as_ref());
             }
@@ -163,17 +163,19 @@ impl ForwardStep<'_> {
             let left: Vec<Vec<f64>> = self.left_by(&c.predictors, &answers);
             Some((c.penalty(), projection.explained(&left.iter().map(Vec::as_slice).collect::<Vec<_>>())))
         };
-        let good: Vec<(f64, Vec<f64>)> = models.par_iter().filter(|c| c.gain > least).filter_map(added).collect();
+        let good: Vec<(f64, Vec<f64>)> =
+            parallel::map(models.iter().filter(|c| c.gain > least), added).into_iter().flatten().collect();
         let fitted = |t: &usize| models.iter().any(|c| c.candidate == *t);
         let others: Vec<usize> = ranked.iter().map(|(_, t)| *t).filter(|t| !fitted(t)).take(AMONG).collect();
-        let is_alike = |t: &&usize| {
-            let own = self.predictions(**t, projection).into_iter().next();
-            let penalty = self.penalty(**t);
+        let is_alike = |t: &usize| {
+            let own = self.predictions(*t, projection).into_iter().next();
+            let penalty = self.penalty(*t);
             let like =
                 |own: &[f64], (cost, added): &(f64, Vec<f64>)| penalty <= *cost && cosine(own, added).abs() > ALIKE;
             own.is_some_and(|own| good.iter().any(|good| like(&own.added.direction, good)))
         };
-        let mut alike: Vec<usize> = others.par_iter().filter(is_alike).copied().collect();
+        let alike = parallel::map(others.iter(), |t| is_alike(t).then_some(*t));
+        let mut alike: Vec<usize> = alike.into_iter().flatten().collect();
         // the first of the catalogue are the simplest
         alike.sort_unstable();
         alike.truncate(MOST_ALIKE);
@@ -263,7 +265,7 @@ impl ForwardStep<'_> {
             let left = self.left_by(&c.predictors, &answers);
             Some(self.likelihood(&left) - c.penalty())
         };
-        let all: Vec<Option<f64>> = models.par_iter().map(of).collect();
+        let all: Vec<Option<f64>> = parallel::map(models.iter(), of);
         let first = all[0]?;
         let known = all.iter().enumerate().filter_map(|(k, own)| own.map(|own| (k, own)));
         let (k, most) = known.max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)))?;

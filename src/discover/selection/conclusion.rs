@@ -18,8 +18,8 @@ use crate::bins::Signals;
 use crate::diagnosis::{Cause, Diagnosis, FrontModel, Rejected, Verdict};
 use crate::disturbance::{Attribution, BELIEVED, NonlinearityCurve, Origin, ResidualEvidence};
 use fdm_grammar::syntax::Class;
+use fdm_numeric::parallel;
 use fdm_system::record::Run;
-use rayon::prelude::*;
 use std::sync::Arc;
 
 /// Part of the chance at which an effect is accepted, below which something is missing although no effect is.
@@ -164,14 +164,12 @@ impl<'c, 'a> Conclusion<'c, 'a> {
         if let (Some(search), Some(reached)) = (&mut other, reached) {
             paths.extend(path(&mut search.accepted, reached.current).ok());
         }
-        let asides = std::mem::take(&mut search.aside).into_par_iter();
-        let asides = asides.filter_map(|Aside { accepted, current }| {
+        let asides = parallel::map(std::mem::take(&mut search.aside), |Aside { accepted, current }| {
             let split = split_fit(&current, problem.runs, problem.noise).ok()?;
             Some(SearchPath { accepted, current, split, aside: true })
         });
-        let asides: Vec<SearchPath> = asides.collect();
         let searches = paths.len();
-        paths.extend(asides);
+        paths.extend(asides.into_iter().flatten());
         let found = problem.front(paths)?;
         (self.front, self.confirmed) = (found.models, found.confirmed);
         if let Some((level, text)) = found.recommended {

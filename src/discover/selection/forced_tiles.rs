@@ -19,11 +19,11 @@ use fdm_effects::forced::Forced;
 use fdm_estimate::Work;
 use fdm_grammar::graph::Signal;
 use fdm_grammar::schedule::Affine;
+use fdm_numeric::parallel;
 use fdm_system::code::{Engine, compile};
 use fdm_system::dynamics::Dynamics;
 use fdm_system::record::Run;
 use fdm_system::simulate::{Scheme, Simulator, Steps};
-use rayon::prelude::*;
 use std::ops::Range;
 
 /// Most columns of a tile, and most states that its effects bring.
@@ -45,7 +45,7 @@ pub(super) fn all_directions(
 ) -> Option<Vec<Result<CandidateDirections, String>>> {
     let made = |candidate: &&Candidate| work.goes_on().then(|| attached(candidate, current, runs, scales));
     let mut waiting: Vec<Option<Result<Attached, String>>> =
-        candidates.par_iter().map(made).collect::<Option<Vec<_>>>()?.into_iter().map(Some).collect();
+        parallel::map(candidates.iter(), made).into_iter().collect::<Option<Vec<_>>>()?.into_iter().map(Some).collect();
     let mut found: Vec<Option<Result<CandidateDirections, String>>> = waiting.iter().map(|_| None).collect();
     if let Some(search) = Tiles::new(current, runs) {
         let list: Vec<(usize, &Attached)> =
@@ -62,7 +62,7 @@ pub(super) fn all_directions(
         None => Some((k, Err(String::new()))),
     };
     let open: Vec<_> = waiting.into_iter().enumerate().filter(|(_, own)| own.is_some()).collect();
-    for (k, own) in open.into_par_iter().map(alone).collect::<Option<Vec<_>>>()? {
+    for (k, own) in parallel::map(open, alone).into_iter().collect::<Option<Vec<_>>>()? {
         found[k] = Some(own);
     }
     found.into_iter().collect()
@@ -207,7 +207,7 @@ impl<'a> Tiles<'a> {
             };
             Some(tile.units.iter().filter_map(own).collect::<Vec<_>>())
         };
-        let found: Option<Vec<_>> = tiles.par_iter().map(simulated).collect();
+        let found: Option<Vec<_>> = parallel::map(tiles.iter(), simulated).into_iter().collect();
         found?.into_iter().flatten().for_each(|(u, part)| into[u] = Some(part));
         Some(())
     }
@@ -249,7 +249,7 @@ impl<'a> Tiles<'a> {
             layout.observed = vec![None; layout.outputs];
             Tile { dynamics: compile(&schedule, engine), units, columns, params }
         };
-        parts.par_iter().map(tile).collect()
+        parallel::map(parts.iter(), tile)
     }
 
     /// The columns of a tile over a run; none where it diverges.

@@ -44,8 +44,8 @@ use fdm_effects::NewParam;
 use fdm_estimate::Work;
 use fdm_estimate::residuals::{Advantage, advantage};
 use fdm_grammar::syntax::Class;
+use fdm_numeric::parallel;
 use fdm_system::record::Run;
-use rayon::prelude::*;
 use std::cell::OnceCell;
 use std::sync::Arc;
 
@@ -329,8 +329,12 @@ impl FrontProblem<'_> {
             chosen = self.chosen(&levels, &naive.naive);
         }
         if let Some(all) = self.all.as_ref() {
-            let open = levels.par_iter_mut().filter(|level| level.over_all.is_none() && self.work.goes_on());
-            open.for_each(|level| level.over_all = level.written.as_ref().ok().map(|written| all.told_of(written)));
+            let open = levels.iter_mut().filter(|level| level.over_all.is_none());
+            parallel::each(open, |level| {
+                if self.work.goes_on() {
+                    level.over_all = level.written.as_ref().ok().map(|written| all.told_of(written));
+                }
+            });
         }
         let told_of = Some(&naive).filter(|n| !n.fitted).map(|n| &n.naive);
         let mut models = vec![self.described(None, false, told_of)];
@@ -415,15 +419,14 @@ impl FrontProblem<'_> {
             accepted.remove(*k);
             self.rebuilt_with(level, accepted)
         };
-        let mut found: Vec<_> = tried.par_iter().filter_map(without).collect();
+        let mut found: Vec<_> = parallel::map(tried.iter(), without).into_iter().flatten().collect();
         found.sort_by(|a, b| a.2.cost().total_cmp(&b.2.cost()));
         // a plain fit of a model that lacks what matters most may wander for long
         let mut best: Option<Level> = None;
         while best.as_ref().is_none_or(|level| level.written.is_err()) && !found.is_empty() {
             let some: Vec<_> = found.drain(..found.len().min(FITTED)).collect();
             let path = level.path;
-            let fitted = some.into_par_iter().map(|(a, current, split)| self.level(path, a, Arc::new(current), split));
-            let levels: Vec<Level> = fitted.collect();
+            let levels = parallel::map(some, |(a, current, split)| self.level(path, a, Arc::new(current), split));
             let order =
                 |a: &Level, b: &Level| a.ratio().total_cmp(&b.ratio()).then(a.split.cost().total_cmp(&b.split.cost()));
             best = best.into_iter().chain(levels).min_by(order);
@@ -716,7 +719,7 @@ impl FrontProblem<'_> {
             let fitted = refitted(&runs, others.len(), order.iter().map(|r| theta[*r].clone()).collect())?;
             Some((others.len()..all).map(|r| self.piece(&fitted, &runs, (r, order[r]), 0)).collect())
         };
-        let found: Option<Vec<Predicted>> = (0..folds).into_par_iter().map(of).collect();
+        let found: Option<Vec<Predicted>> = parallel::map(0..folds, of).into_iter().collect();
         Some(found?.into_iter().flatten().collect())
     }
 

@@ -20,7 +20,7 @@ use super::predictor::responses;
 use super::projection::{Projection, cosine, dot};
 use fdm_effects::{Candidate, Choice, NewParam};
 use fdm_grammar::syntax::Class;
-use rayon::prelude::*;
+use fdm_numeric::parallel;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
@@ -144,7 +144,7 @@ impl ForwardSelection<'_> {
         let fit = &can.alone[..];
         let sets = step.sets(comparison, &can.beginnings(), fit.first().into_iter().chain(others).copied().collect());
         let total = |set: &EffectSet| Some((set.model, self.total(step, comparison, (set, can))?));
-        let totals: Vec<(usize, f64)> = sets.par_iter().filter_map(total).collect();
+        let totals: Vec<(usize, f64)> = parallel::map(sets.iter(), total).into_iter().flatten().collect();
         let alone = |k: usize| {
             if can.in_sets.contains(&k) {
                 return f64::INFINITY;
@@ -245,14 +245,15 @@ impl ForwardStep<'_> {
             let (size, product) = (dot(&added, &added), dot(&added, &left));
             Some(Beginning { model: *k, own, left, added, size, product })
         };
-        let beginnings: Vec<Beginning<'_>> = beginnings.par_iter().filter_map(beginning).collect();
+        let beginnings: Vec<Beginning<'_>> =
+            parallel::map(beginnings.iter(), beginning).into_iter().flatten().collect();
         let direction = |d: usize| -> Vec<f64> { self.with_direction(d, |parts| projection.added(parts).direction) };
         // what it predicts alone, and beside each beginning
         let scored = |d: usize| -> (f64, Vec<Option<Partner>>) {
             let own = self.prediction(d, &projection);
             (own.gain, beginnings.iter().map(|b| self.partner(b, d, &own.added.direction)).collect())
         };
-        let all = (0..self.owner.len()).into_par_iter().map(scored).collect::<Vec<_>>();
+        let all = parallel::map(0..self.owner.len(), scored);
         let (gains, all): (Vec<f64>, Vec<Vec<Option<Partner>>>) = all.into_iter().unzip();
         let mut sets = self.exact_sets(comparison, begin, (&projection, &gains));
         for (k, beginning) in beginnings.iter().enumerate() {
@@ -290,8 +291,8 @@ impl ForwardStep<'_> {
             let best = self.prediction(best, projection);
             Some((best.gain - self.penalty(t), best))
         };
-        let all = (0..self.simulated.len()).into_par_iter();
-        let mut ranked: Vec<(usize, (f64, Prediction))> = all.filter_map(|t| Some((t, single(t)?))).collect();
+        let all = parallel::map(0..self.simulated.len(), |t| Some((t, single(t)?)));
+        let mut ranked: Vec<(usize, (f64, Prediction))> = all.into_iter().flatten().collect();
         ranked.sort_by(|a, b| b.1.0.total_cmp(&a.1.0).then(a.0.cmp(&b.0)));
         let mut chosen: Vec<(usize, Prediction)> = Vec::new();
         for (t, (_, prediction)) in ranked {
@@ -304,7 +305,7 @@ impl ForwardStep<'_> {
         let direction = |k: usize| -> &[f64] { &chosen[k].1.added.direction };
         let m = chosen.len();
         let row = |a: usize| -> Vec<f64> { (0..m).map(|b| dot(direction(a), direction(b))).collect() };
-        let gram: Vec<f64> = (0..m).into_par_iter().map(row).collect::<Vec<_>>().into_iter().flatten().collect();
+        let gram: Vec<f64> = parallel::map(0..m, row).into_iter().flatten().collect();
         let columns = Columns {
             gram,
             along: (0..m).map(|k| projection.along(direction(k))).collect(),
@@ -350,7 +351,7 @@ impl ForwardStep<'_> {
             own.iter_mut().zip(&beginning.added).for_each(|(d, b)| *d -= share * b);
             own
         };
-        let own: Vec<Vec<f64>> = partners.par_iter().map(left).collect();
+        let own: Vec<Vec<f64>> = parallel::map(partners.iter(), left);
         let z: Vec<f64> = own.iter().map(|d| dot(d, &beginning.left)).collect();
         let mut best: Option<(f64, Vec<(usize, f64)>)> = None;
         for a in 0..own.len() {

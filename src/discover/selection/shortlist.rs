@@ -15,8 +15,8 @@ use super::forward_step::{ForwardStep, PENALTY, prior};
 use super::projection::{Projected, Projection};
 use super::whitening::CommonNoise;
 use crate::noise::{Growth, LogSpectrum, ResidualPower};
+use fdm_numeric::parallel;
 use fdm_system::record::Run;
-use rayon::prelude::*;
 use std::ops::RangeInclusive;
 use std::sync::Arc;
 
@@ -45,7 +45,7 @@ impl ForwardStep<'_> {
             ranked.truncate(GLANCED);
             let glance =
                 |(_, t): &(f64, usize)| Some((self.glance(*t, projection, noise, base)? - self.penalty(*t), *t));
-            ranked = ranked.par_iter().filter_map(glance).collect();
+            ranked = parallel::map(ranked.iter(), glance).into_iter().flatten().collect();
             sort(&mut ranked);
         }
         chosen.extend(ranked.into_iter().take(BEST).map(|(_, t)| t));
@@ -56,7 +56,7 @@ impl ForwardStep<'_> {
     pub(super) fn ranked_by_predicted_gain(&self, projection: &Projection) -> Vec<(f64, usize)> {
         let prediction =
             |t: usize| (self.predictions(t, projection).first().map_or(0.0, |p| p.gain) - self.penalty(t), t);
-        let mut ranked: Vec<(f64, usize)> = (0..self.simulated.len()).into_par_iter().map(prediction).collect();
+        let mut ranked: Vec<(f64, usize)> = parallel::map(0..self.simulated.len(), prediction);
         sort(&mut ranked);
         ranked
     }
@@ -115,7 +115,8 @@ impl ForwardStep<'_> {
             let without = self.with_direction(best.direction, less);
             Some((self.likelihood(&without) - likelihood - self.penalty(*t), *t))
         };
-        let all: Vec<(f64, usize)> = ranked[..ranked.len().min(ASKED)].par_iter().filter_map(gained).collect();
+        let all: Vec<(f64, usize)> =
+            parallel::map(ranked[..ranked.len().min(ASKED)].iter(), gained).into_iter().flatten().collect();
         let (nats, candidate) = all.into_iter().max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)))?;
         Some(UnlikelyNoise { candidate, nats, chance: (self.simulated.len() as f64 * (-nats).exp()).min(1.0) })
     }

@@ -8,12 +8,12 @@ use super::manoeuvre::{Kept, run, survey, within_limits};
 use super::plan::{STOPPED, excursions, known};
 use super::question::{Asked, Question};
 use fdm_estimate::{Changes, FitOptions, Halt, ResidualVector, changed};
+use fdm_numeric::parallel;
 use fdm_results::documents::design::{Distinction, Manoeuvre, Separation};
 use fdm_system::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::{Simulator, StepOptions, choose_steps};
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 
 /// Two models and what is asked of the next run: inputs, lengths and limits are those of the first question.
 #[derive(Debug, Clone)]
@@ -65,7 +65,7 @@ pub fn between(rivals: &Rivals<'_>, halt: &Halt) -> Result<Distinction, Vec<Stri
         false => Err(STOPPED.into()),
     };
     let manoeuvres = survey(question);
-    let answers: Vec<_> = manoeuvres.par_iter().map(one).collect();
+    let answers: Vec<_> = parallel::map(manoeuvres.iter(), one);
     let (mut told, mut lost) = (Vec::new(), Vec::new());
     for (manoeuvre, answer) in manoeuvres.into_iter().zip(answers) {
         match answer {
@@ -78,10 +78,10 @@ pub fn between(rivals: &Rivals<'_>, halt: &Halt) -> Result<Distinction, Vec<Stri
         Separation { manoeuvre: t.manoeuvre.clone(), log_odds: odds, excursions: t.excursions.clone() }
     };
     let nothing = [0, 1].map(|k| Distance::none(before[k].nrows()));
-    let mut separations: Vec<Separation> = told.par_iter().map(|t| separation(t, &nothing)).collect();
+    let mut separations: Vec<Separation> = parallel::map(told.iter(), |t| separation(t, &nothing));
     let (mut steps, mut sum) = (Vec::new(), nothing);
     for _ in 0..question.runs {
-        let with: Vec<Separation> = told.par_iter().map(|t| separation(t, &sum)).collect();
+        let with: Vec<Separation> = parallel::map(told.iter(), |t| separation(t, &sum));
         let best = (0..told.len()).rev().max_by(|a, b| with[*a].mean().total_cmp(&with[*b].mean()));
         let Some(best) = best else { break };
         sum = [0, 1].map(|k| sum[k].plus(&told[best].told[k]));

@@ -3,8 +3,8 @@
 use super::manoeuvre::{Kept, run, survey, within_limits};
 use super::question::Question;
 use fdm_estimate::{Halt, Information, NoInformation};
+use fdm_numeric::parallel;
 use fdm_results::documents::design::{Design, Gain, Manoeuvre, Outlook, Step};
-use rayon::prelude::*;
 
 /// Why a manoeuvre was not looked at.
 pub(super) const STOPPED: &str = "the work was stopped before it was looked at";
@@ -29,7 +29,7 @@ pub fn design(question: &Question<'_>, halt: &Halt) -> Result<Design, Vec<String
         true => within_limits(question, m, |m| tell(question, m)),
         false => Err(STOPPED.into()),
     };
-    let answers: Vec<Result<Kept<Information>, String>> = manoeuvres.par_iter().map(one).collect();
+    let answers: Vec<Result<Kept<Information>, String>> = parallel::map(manoeuvres.iter(), one);
     for (manoeuvre, answer) in manoeuvres.into_iter().zip(answers) {
         match answer {
             Ok(Kept { manoeuvre, told: information, excursions }) => {
@@ -45,7 +45,7 @@ pub fn design(question: &Question<'_>, halt: &Halt) -> Result<Design, Vec<String
         let (bits, errors) = (then.bits(&sizes) - before, then.errors());
         Gain { manoeuvre: t.manoeuvre.clone(), bits, errors, excursions: t.excursions.clone() }
     };
-    let mut gains: Vec<Gain> = told.par_iter().map(gain).collect();
+    let mut gains: Vec<Gain> = parallel::map(told.iter(), gain);
     let (steps, after) = planned(&now, &told, &sizes, question.runs);
     let everything = told.iter().fold(now.clone(), |sum, t| sum.plus(&t.information));
     // equal gains stay in the order of the survey
@@ -103,7 +103,7 @@ fn planned(now: &Information, told: &[Told], sizes: &[f64], runs: usize) -> (Vec
     let (mut steps, mut after, mut sum) = (Vec::new(), Vec::new(), now.clone());
     for _ in 0..runs {
         let before = sum.bits(sizes);
-        let with: Vec<f64> = told.par_iter().map(|t| sum.plus(&t.information).bits(sizes)).collect();
+        let with: Vec<f64> = parallel::map(told.iter(), |t| sum.plus(&t.information).bits(sizes));
         let best = (0..told.len()).rev().max_by(|a, b| with[*a].total_cmp(&with[*b]));
         let Some(best) = best else { break };
         sum = sum.plus(&told[best].information);

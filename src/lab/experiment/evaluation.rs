@@ -8,8 +8,8 @@ use super::stage::{Found, run};
 use super::table::Table;
 use super::verdict::checks;
 use fdm_estimate::Status;
+use fdm_numeric::parallel;
 use fdm_results::documents::reproduction::{Check, Outcome};
-use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The records that an experiment makes.
@@ -74,7 +74,7 @@ pub(super) fn evaluated<T: Clone + Send>(
             let concluded = conclude(stage, &setting, &found);
             Ok((found, concluded))
         };
-        let results: Vec<Result<(Found, T), ExperimentError>> = ready.par_iter().map(one).collect();
+        let results: Vec<Result<(Found, T), ExperimentError>> = parallel::map(ready.iter(), one);
         for (k, result) in ready.into_iter().zip(results) {
             done[k] = Some(result?);
         }

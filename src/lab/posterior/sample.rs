@@ -10,10 +10,10 @@ use super::coordinates::Units;
 use super::density::{Evaluator, InUnits, Posterior, SampledName};
 use super::nuts::{Nuts, StepSearch, Transition};
 use fdm_estimate::Halt;
+use fdm_numeric::parallel;
 use fdm_numeric::random::Stream;
 use fdm_results::documents::sample::{ChainDocument, PredictiveBand, SampledParameter};
 use fdm_system::simulate::Unsuited;
-use rayon::prelude::*;
 
 /// How a posterior is sampled.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -90,7 +90,7 @@ pub fn sample(posterior: &Posterior, sampling: &Sampling, halt: &Halt) -> Result
     let identity: Vec<f64> = (0..n * n).map(|k| if k % (n + 1) == 0 { 1.0 } else { 0.0 }).collect();
     let units = units.or_else(|| Units::of_covariance(start, &identity)).ok_or(SampleError::NotFinite)?;
     let chains: Result<Vec<Chain>, SampleError> =
-        (0..sampling.chains).into_par_iter().map(|k| chain(posterior, &units, sampling, k, halt)).collect();
+        parallel::map(0..sampling.chains, |k| chain(posterior, &units, sampling, k, halt)).into_iter().collect();
     let mut chains = chains?;
     let shortest = chains.iter().map(|c| c.values.len()).min().unwrap_or(0);
     for chain in &mut chains {

@@ -7,10 +7,10 @@ use fdm_estimate::{
     Attempt, Changes, Continuation, Estimate, Fit, FitOptions, MultiStart, ParameterEstimate, SharedSteps, Status,
     Work, fit_from, quantile,
 };
+use fdm_numeric::parallel;
 use fdm_results::documents::profile::{AtBound, End, Point, Profile, reach};
 use fdm_system::Model;
 use fdm_system::record::Run;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// Most refits on one side until the end is found.
@@ -167,7 +167,7 @@ impl<'a> Profiler<'a> {
             let kept = kept.and_then(|bytes| postcard::from_bytes(&bytes).ok());
             kept.unwrap_or_else(|| self.one_side(&subject, *side))
         };
-        let mut sides: Vec<ProfileSide> = Side::BOTH.par_iter().map(side).collect();
+        let mut sides: Vec<ProfileSide> = parallel::map(Side::BOTH.iter(), side);
         let Wanted { parameter, error, factor, rise, bound, .. } = subject;
         let (mut points, mut refits) = (vec![self.best(parameter)], 0);
         for side in &mut sides {

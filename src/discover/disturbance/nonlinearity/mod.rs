@@ -19,10 +19,10 @@ use super::null_model::NullModel;
 use super::place::{CLEAR, DisturbanceError, FittedRun, Place, PlaceKind, places, rank};
 use crate::bins::Cosines;
 use crate::noise::{Resonance, SmoothSpectrum};
+use fdm_numeric::parallel;
 use fdm_system::model::Model;
 use likelihood::{Band, Banded, Settled, Singles, bands, cells, settle};
 use nalgebra::DMatrix;
-use rayon::prelude::*;
 use regressors::{Functions, curve, functions, variables};
 use serde::{Deserialize, Serialize};
 
@@ -173,14 +173,11 @@ impl<'a> Weighing<'a> {
         let p = self.binned_runs[0].fitted[0].ncols();
         let single = Singles { combinations: &functions.single, alike: functions.alike };
         let better = |a: Settled, b: Settled| if b.score > a.score { b } else { a };
-        let found: Vec<Settled> = responses
-            .into_par_iter()
-            .map(|own| {
-                let cells = cells(self.binned_runs, &self.bands, Some(&own));
-                // noise alone may have taken for noise what a nonlinearity did, and the floor may be too low
-                better(settle(&cells, p, single, &self.floor), settle(&cells, p, single, &self.null.spectra))
-            })
-            .collect();
+        let found: Vec<Settled> = parallel::map(responses, |own| {
+            let cells = cells(self.binned_runs, &self.bands, Some(&own));
+            // noise alone may have taken for noise what a nonlinearity did, and the floor may be too low
+            better(settle(&cells, p, single, &self.floor), settle(&cells, p, single, &self.null.spectra))
+        });
         for ((best, alone), own) in self.best.iter_mut().zip(&mut self.curves).zip(&found) {
             let score = own.score - penalty;
             let better = |other: &Likeliest| other.as_ref().is_none_or(|(other, _)| score > *other);
@@ -233,8 +230,7 @@ fn responses(
         })?;
         Ok(found)
     };
-    let runs: Vec<Result<Vec<CourseResponses>, DisturbanceError>> =
-        (0..fitted_runs.len()).into_par_iter().map(one).collect();
+    let runs: Vec<Result<Vec<CourseResponses>, DisturbanceError>> = parallel::map(0..fitted_runs.len(), one);
     let mut by_place = vec![Vec::with_capacity(fitted_runs.len()); places];
     for run in runs {
         by_place.iter_mut().zip(run?).for_each(|(list, own)| list.push(own));
