@@ -135,7 +135,7 @@ impl Diagnosed {
     pub(crate) fn results(
         &self,
         effects: &Effects,
-        progress: &mut Progress,
+        progress: &Progress,
     ) -> Result<Vec<(ResultFolder, Model)>, Failure> {
         if self.document.domain != "time" {
             return Err(Failure::input([format!(
@@ -172,10 +172,10 @@ impl Diagnosed {
         name: &str,
         model: &Model,
         (runs, changes): (&[Run], &Changes),
-        progress: &mut Progress,
+        progress: &Progress,
     ) -> Result<(ResultFolder, Model), Failure> {
         let options = FitOptions { changes: changes.clone(), ..FitOptions::default() }.with_declared_noise(model);
-        let found = fit(model, runs, &options, progress).or_failure()?;
+        let found = fit(model, runs, &options, &progress.work()).or_failure()?;
         let mut contents = Contents::of_fit(&found, runs, &options);
         contents.manifest.data = self.data(Role::Fit).cloned().collect();
         contents.manifest.reading = self.manifest.reading.clone();

@@ -12,7 +12,7 @@ pub fn filter_table(found: &FilterFit, detail: Detail) -> String {
     if !found.deviations.is_empty() && !found.fit.quality.is_empty() {
         text.push_str(&format!("\n\n{}", parameter_table(&found.deviations, detail.intervals).trim_end()));
     }
-    for name in &found.silent {
+    for name in &found.not_identifiable {
         text.push_str(&format!("\n`{name}` stands at 0: the records show no noise there"));
     }
     text

@@ -17,8 +17,8 @@ pub fn spectral_table(fit: &SpectralFit, detail: Detail) -> String {
     text.push_str(&first_values(&fit.starting_values));
     text.push('\n');
     text.push_str(&parameter_table(&fit.parameters(), detail.intervals));
-    if !fit.ends.is_empty() {
-        text.push_str(&format!("({} end values of states in all runs were found with them)\n", fit.ends.len()));
+    if !fit.end_points.is_empty() {
+        text.push_str(&format!("({} end values of states in all runs were found with them)\n", fit.end_points.len()));
     }
     if !fit.estimate.outputs.is_empty() {
         text.push_str(&format!("\nspectra, real and imaginary parts\n{}", output_table(&fit.estimate.outputs)));

@@ -3,10 +3,11 @@
 use crate::answer::{Answer, Wanted};
 use crate::checkpoint::{Checkpoints, OpenCheckpoint};
 use crate::failure::Failure;
-use crate::halt::{Halt, TimeLimit};
+use crate::halt::TimeLimit;
 use crate::progress::Progress;
 use crate::progress_file::{Course, CourseWriter};
 use crate::session::Session;
+use fdm_estimate::Halt;
 use fdm_lab::job::Memory;
 use fdm_results::store::Identity;
 use std::path::PathBuf;
@@ -45,7 +46,7 @@ impl Conduct {
 
     /// For a part of the work that shows nothing, and ends with it.
     pub(crate) fn aside(&self) -> Progress {
-        Progress::hidden(self.progress.halt(), Course::default())
+        Progress::hidden(self.progress.halt().clone(), Course::default())
     }
 
     /// With what is said where the work was stopped, by the time or by an interrupt.
@@ -60,7 +61,7 @@ impl Conduct {
 
     /// With what is said where there was too little time: `late` is what that means for the result.
     pub(crate) fn in_time(&self, mut answer: Answer, late: &str) -> Answer {
-        let late = self.progress.halt().late(late);
+        let late = self.progress.late(late);
         answer.good &= late.is_none();
         answer.closing.extend(late);
         answer

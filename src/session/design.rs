@@ -13,7 +13,9 @@ use crate::value::number;
 use clap::Args;
 use fdm_estimate::{Noise, Status, initial_guess};
 use fdm_grammar::model::Quantity;
-use fdm_lab::design::{Asked, Question, Rivals, Separation, Step, between_while, design_while, table};
+use fdm_lab::design::{
+    Asked, Question, Rivals, Separation, Step, between as distinction, design as design_runs, table,
+};
 use fdm_lab::experiment::Amount;
 use fdm_report::{design_table, distinction_table};
 use fdm_results::store::ResultFolder;
@@ -108,9 +110,8 @@ pub fn design(
     conduct: &mut Conduct,
 ) -> Result<Answer, Failure> {
     let question = asked.question(model, folder, runs)?;
-    let halt = conduct.progress.halt();
     conduct.progress.say("comparing manoeuvres");
-    let found = design_while(&question, &|| halt.goes_on()).map_err(Failure::Input)?;
+    let found = design_runs(&question, conduct.progress.halt()).map_err(Failure::Input)?;
     let one = |(k, step): (usize, &Step)| {
         table(&question, &step.manoeuvre, &run_name(k)).map(|table| (table.file(), table.bytes()))
     };
@@ -137,10 +138,9 @@ fn between(asked: &Options, conduct: &mut Conduct) -> Result<Answer, Failure> {
         questions.push(asked.question(model, folder.as_ref(), runs)?);
     }
     let (Some(second), Some(first)) = (questions.pop(), questions.pop()) else { return Ok(Answer::default()) };
-    let halt = conduct.progress.halt();
     conduct.progress.say("comparing manoeuvres");
     let rivals = Rivals { first, second };
-    let mut found = between_while(&rivals, &|| halt.goes_on()).map_err(Failure::Input)?;
+    let mut found = distinction(&rivals, conduct.progress.halt()).map_err(Failure::Input)?;
     if found.models[0] == found.models[1] {
         found.models = [&asked.between[0], &asked.between[1]].map(|path| {
             let name = if path.is_dir() { path.file_name() } else { path.file_stem() };

@@ -10,7 +10,7 @@ use crate::session::Session;
 use crate::value::{number, probability};
 use clap::Args;
 use fdm_doctor::{
-    AloneOptions, BesideOptions, Examination, Finding, Record, Severity, Watch, examine_alone, examine_beside_while,
+    AloneOptions, BesideOptions, Examination, Finding, Record, Severity, examine_alone, examine_beside,
     examine_repeats, repaired_map,
 };
 use fdm_readers::Topic;
@@ -123,9 +123,8 @@ impl Options {
         });
         let found = self.by_records(&records);
         let options = BesideOptions { odds: self.odds, estimated: !self.no_estimated, ..BesideOptions::default() };
-        let (progress, halt) = (&conduct.progress, conduct.progress.halt());
-        let watch = Watch { say: &|text| progress.say(text), goes_on: &|| halt.goes_on() };
-        let found = examine_beside_while(&session.model, &session.runs, &records, found, &options, &watch);
+        let work = conduct.progress.work();
+        let found = examine_beside(&session.model, &session.runs, &records, found, &options, &work);
         Judged { document: DoctorDocument::of(Some(session.model.name()), told.collect(), &found), records }
     }
 

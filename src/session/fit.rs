@@ -129,7 +129,8 @@ fn work(
 ) -> Result<Identified, Failure> {
     let _writer = conduct.follow(session, Some(&options.checkpoints));
     conduct.progress.watching(options.watch);
-    let found = identify(&session.model, &session.runs, &chosen.fit, keeper, &mut conduct.progress);
+    let work = conduct.progress.work().keeping(keeper);
+    let found = identify(&session.model, &session.runs, &chosen.fit, &work);
     conduct.progress.finish();
     found.or_failure()
 }
@@ -198,8 +199,8 @@ impl Verb for Options {
         if fit.method != Method::OutputError || fit.domain != Domain::Time || fit.starts.count < 2 {
             return as_one_task(self, session, conduct, &identity, visit);
         }
-        let mut progress = conduct.aside();
-        let search = start_search(&session.model, &session.runs, &fit, &mut progress).or_failure()?;
+        let progress = conduct.aside();
+        let search = start_search(&session.model, &session.runs, &fit, &progress.work()).or_failure()?;
         visit(&job::Starts(search), &identity)
     }
 }
@@ -273,13 +274,7 @@ impl Options {
         })
     }
 
-    fn told(
-        &self,
-        found: &Identified,
-        chosen: &Chosen,
-        session: &Session,
-        conduct: &mut Conduct,
-    ) -> Result<Told, Failure> {
+    fn told(&self, found: &Identified, chosen: &Chosen, session: &Session, conduct: &Conduct) -> Result<Told, Failure> {
         let (document, estimate) = match (document(found), found.estimate()) {
             (ResultDocument::Fit(document), Some(estimate)) => (document, estimate),
             (mut document, _) => {
@@ -287,13 +282,13 @@ impl Options {
                 return Ok(Told { text: tables(found, Detail::default()), whole: None, document });
             }
         };
-        let (mut document, progress) = (*document, &mut conduct.progress);
+        let (mut document, progress) = (*document, &conduct.progress);
         let mut verdict = fit_verdict(&document);
         ask_doctor((found.model(), estimate, &session.runs), &mut document, &mut verdict, progress);
         let mut behind = String::new();
         if !session.validation.is_empty()
             && let Some(predicted) =
-                found.predict(&session.validation, chosen.fit.options.noise.clone(), progress).or_failure()?
+                found.predict(&session.validation, chosen.fit.options.noise.clone(), &progress.work()).or_failure()?
         {
             let baselines = predicted.baselines(&session.validation, 0.0);
             let (quality, baseline) = (prediction_table(&predicted.quality), baseline_table(&baselines));

@@ -15,7 +15,7 @@ use crate::study::refused;
 use crate::value::number;
 use crate::verb::{Given, Verb, Visit};
 use clap::Args;
-use fdm_estimate::{CheckpointStore, Fit, FitOptions, Status, fit_kept};
+use fdm_estimate::{CheckpointStore, Fit, FitOptions, Status, fit};
 use fdm_lab::job;
 use fdm_lab::study::{End, Profile, Profiler, StudyError};
 use fdm_report::page::profile_page;
@@ -79,17 +79,15 @@ impl Verb for Options {
         let options = self.chosen(&session.model)?;
         let done = conduct.done.clone();
         let done = done.as_deref().map(|done| done as &dyn CheckpointStore);
-        let found = fit_kept(&session.model, &session.runs, &options, done, &mut conduct.progress).or_failure()?;
-        let halt = conduct.progress.halt();
-        let goes_on = move || halt.goes_on();
-        let profiler = match Profiler::new(&found, &session.runs, &options, &goes_on) {
+        let work = conduct.progress.work().keeping(done);
+        let found = fit(&session.model, &session.runs, &options, &work).or_failure()?;
+        let profiler = match Profiler::new(&found, &session.runs, &options, &work) {
             Ok(profiler) => profiler.with_rise(self.rise),
             Err(e) => return Err(astray(&e, &found, conduct)),
         };
         let names = self.profiled(&found)?;
         conduct.progress.say(&format!("profiling {}", names.join(", ")));
-        let profiles: Result<Vec<Profile>, StudyError> =
-            names.par_iter().map(|name| profiler.of_kept(name, done)).collect();
+        let profiles: Result<Vec<Profile>, StudyError> = names.par_iter().map(|name| profiler.of(name)).collect();
         let profiles = profiles.or_failure()?;
         let mut answer = Answer::of(profile_table(&profiles), &profiles, conduct.wanted)?;
         if conduct.wanted.files {
@@ -112,11 +110,10 @@ impl Verb for Options {
         visit: Visit<'_>,
     ) -> Result<(), Failure> {
         let options = self.chosen(model)?;
-        let halt = conduct.progress.halt();
-        let mut progress = conduct.aside();
-        let found = fit_kept(model, runs, &options, Some(states), &mut progress).or_failure()?;
-        let goes_on = || halt.goes_on();
-        let profiler = Profiler::new(&found, runs, &options, &goes_on).map_err(refused)?.with_rise(self.rise);
+        let progress = conduct.aside();
+        let work = progress.work();
+        let found = fit(model, runs, &options, &progress.work().keeping(Some(states))).or_failure()?;
+        let profiler = Profiler::new(&found, runs, &options, &work).map_err(refused)?.with_rise(self.rise);
         let parameters = self.profiled(&found)?;
         let identity = Identity::of(model, runs, &Asked { fit: &options, parameters: &parameters, rise: self.rise });
         visit(&job::Sides { profiler: &profiler, parameters }, &identity)

@@ -12,7 +12,6 @@ use crate::answer::{NamedFile, Wanted};
 use crate::conduct::Conduct;
 use crate::effects::{as_text, difference, subject_of};
 use crate::failure::OrFailure;
-use crate::halt::Halt;
 use crate::progress_file::Course;
 use crate::records::{Records, notes, read_records, record};
 use crate::session::{Origin, Session};
@@ -25,7 +24,7 @@ use crate::{
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Args, Command};
 use fdm_discover::Diagnosis;
-use fdm_estimate::{Fit, Identified, Iteration, UnknownName};
+use fdm_estimate::{Fit, Halt, Identified, Iteration, UnknownName};
 
 use fdm_report::study_table;
 use fdm_results::documents::EffectsDocument;
@@ -111,7 +110,7 @@ pub struct Seen {
 impl Watch {
     /// Asks the work to end with the best so far.
     pub fn stop(&self) {
-        self.halt.interrupted().store(true, std::sync::atomic::Ordering::Relaxed);
+        self.halt.interrupt();
     }
 
     /// Whether it was asked to end.
@@ -248,8 +247,8 @@ pub fn fit(held: Held<'_>, watch: &Watch) -> Result<Fitted, Failure> {
 /// # Errors
 /// [`Failure`]
 pub fn validate(files: &[NamedFile], model: &Model, runs: &[Run], watch: &Watch) -> Result<Fit, Failure> {
-    let (kept, mut conduct) = (kept(files)?, watch.conduct(DOCUMENT));
-    fdm_estimate::fit(model, runs, &kept.validation(model), &mut conduct.progress).or_failure()
+    let (kept, conduct) = (kept(files)?, watch.conduct(DOCUMENT));
+    fdm_estimate::fit(model, runs, &kept.validation(model), &conduct.progress.work()).or_failure()
 }
 
 fn kept(files: &[NamedFile]) -> Result<ResultFolder, Failure> {
@@ -496,7 +495,8 @@ mod tests {
         let found = fitted(&model, &words(&["--set=k=0.9"]), &Watch::default()).expect("a fit");
         let changes = fdm_estimate::Changes { set: vec![("k".into(), 0.9)], ..Default::default() };
         let options = FitOptions { changes, ..FitOptions::default() };
-        let other = fdm_estimate::fit(&model, &[record(&model).run], &options, &mut ()).expect("a fit");
+        let other =
+            fdm_estimate::fit(&model, &[record(&model).run], &options, &fdm_estimate::Work::default()).expect("a fit");
         let value = |e: &Estimate| e.parameters[0].value.to_bits();
         assert_eq!(found.found.estimate().map(value), Some(value(&other.estimate)));
         let files = found.answer.files;

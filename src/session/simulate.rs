@@ -9,7 +9,7 @@ use crate::records::{RunList, Selection, read_runs};
 use crate::tables::{column, csv};
 use crate::value::positive;
 use clap::Args;
-use fdm_estimate::{FitOptions, initial_guess, initial_values};
+use fdm_estimate::{FitOptions, Work, initial_guess, initial_values};
 use fdm_lab::posterior::Bands;
 use fdm_results::documents::{ChannelDocument, Diverged, ResponseDocument};
 use fdm_results::store::{DataFile, Manifest, ResultError, ResultFolder};
@@ -201,7 +201,7 @@ fn theta(model: &Model, run: &Run, folder: Option<&ResultFolder>, asked: &Option
         params.iter_mut().zip(&theta).for_each(|(param, value)| param.value = *value);
         let options = asked.integration.among(FitOptions::default());
         let runs = std::slice::from_ref(run);
-        let own = initial_values(&model.with_params(params), runs, length, &options, &mut ()).or_failure()?;
+        let own = initial_values(&model.with_params(params), runs, length, &options, &Work::default()).or_failure()?;
         own.into_iter().for_each(|values| theta = values);
     }
     for (value, param) in theta.iter_mut().zip(&model.definition().params) {

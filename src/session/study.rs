@@ -16,11 +16,11 @@ use crate::session::Session;
 use crate::tables::title;
 use crate::verb::{Given, Verb, Visit};
 use clap::Args;
-use fdm_estimate::{CheckpointStore, Fit, FitOptions, fit_kept};
+use fdm_estimate::{CheckpointStore, Fit, FitOptions, Halt, fit};
 use fdm_lab::job;
 use fdm_lab::posterior::{Calibration, Posterior, Ranks, SampleError, Sampling, calibrated, sample};
 use fdm_lab::requirement::Draws;
-use fdm_lab::study::{Bootstrap, Colour, FORM, Study, StudyError, Watch, series};
+use fdm_lab::study::{Bootstrap, Colour, FORM, Study, StudyError, series};
 use fdm_report::page::calibration_page;
 use fdm_report::{Detail, calibration_text, fit_table, repeat_columns, study_table};
 use fdm_results::documents::FitDocument;
@@ -97,7 +97,8 @@ pub fn study(asked: &Options, session: &Session, conduct: &mut Conduct) -> Resul
     let identity = asked.identity(session, &options)?;
     let checkpoint = conduct.checkpoint(&asked.repetition.checkpoints, &identity)?;
     let _writer = conduct.follow(session, Some(&asked.repetition.checkpoints));
-    let first = fit_kept(&session.model, &session.runs, &options, checkpoint.keeper(), &mut conduct.progress);
+    let work = conduct.progress.work().keeping(checkpoint.keeper());
+    let first = fit(&session.model, &session.runs, &options, &work);
     conduct.progress.finish();
     let first = first.or_failure()?;
     let bootstrap = match asked.bootstrap(&first, session, &options)? {
@@ -106,9 +107,10 @@ pub fn study(asked: &Options, session: &Session, conduct: &mut Conduct) -> Resul
         Err(e) => return Err(Failure::input([e])),
     };
     let count = asked.repeats as usize;
-    let mut watch = RepeatProgress::new("", count, conduct.quiet, conduct.progress.halt());
+    let mut watch = RepeatProgress::new("", count, conduct.quiet, conduct.progress.halt().clone());
     asked.tell_repeats(&mut watch, &bootstrap, session, &conduct.progress);
-    let repeats = series(count, checkpoint.keeper(), &watch, &|k: u64| bootstrap.once(k, &watch));
+    let work = watch.work().keeping(checkpoint.keeper());
+    let repeats = series(count, &work, &|k, repeat| watch.came(k, repeat), &|k| bootstrap.once(k, work.halt()));
     watch.finish();
     let study = bootstrap.study(&repeats);
 
@@ -169,10 +171,11 @@ impl Verb for Options {
         }
         let options = self.chosen(&session.model)?;
         let identity = self.identity(session, &options)?;
-        let mut progress = conduct.aside();
-        let first = fit_kept(&session.model, &session.runs, &options, Some(states), &mut progress).or_failure()?;
+        let progress = conduct.aside();
+        let work = progress.work().keeping(Some(states));
+        let first = fit(&session.model, &session.runs, &options, &work).or_failure()?;
         let bootstrap = self.bootstrap(&first, session, &options)?.map_err(refused)?;
-        let once = |k: u64, watch: &dyn Watch| bootstrap.once(k, watch);
+        let once = |k: u64, halt: &Halt| bootstrap.once(k, halt);
         visit(&job::Repeats { once: &once, count: self.repeats.into() }, &identity)
     }
 }
@@ -188,7 +191,7 @@ pub(crate) fn refused(error: StudyError) -> Failure {
 /// [`Failure`]
 pub(crate) fn calibrate(asked: &Options, session: &Session, conduct: &mut Conduct) -> Result<Answer, Failure> {
     let options = asked.chosen(&session.model)?;
-    let found = asked.calibrated(session, &options, &mut conduct.progress);
+    let found = asked.calibrated(session, &options, &conduct.progress);
     conduct.progress.finish();
     // told in any case
     let in_time = conduct.progress.in_time();
@@ -206,9 +209,9 @@ impl Options {
         &self,
         Session { model, runs, .. }: &Session,
         options: &FitOptions,
-        progress: &mut Progress,
+        progress: &Progress,
     ) -> Result<CalibrationDocument, Failure> {
-        let first = fit_kept(model, runs, options, None, progress).or_failure()?;
+        let first = fit(model, runs, options, &progress.work()).or_failure()?;
         if !first.estimate.termination.is_good() {
             let e = StudyError::Astray { reason: first.estimate.termination.to_string() };
             return Err(Failure::Numbers(e.to_string()));
@@ -218,19 +221,18 @@ impl Options {
         let (seed, warmup) = (self.repetition.seed, self.warmup as usize);
         let sampling = Sampling { chains: 4, draws: 1000, warmup, seed, target: 0.8, most_depth: 10 };
         let halt = progress.halt();
-        let goes_on = || halt.goes_on();
         progress.say("sampling the posterior");
         let refused = |e: SampleError| match e {
             SampleError::NotFinite => Failure::Numbers(e.to_string()),
             e => Failure::input([e]),
         };
-        let samples = sample(&posterior, &sampling, &goes_on).map_err(refused)?;
+        let samples = sample(&posterior, &sampling, halt).map_err(refused)?;
         if !samples.whole {
             return Err(Failure::Numbers("it was stopped before there were draws".into()));
         }
         progress.say("calibrating");
         let calibration = Calibration::new(&posterior, &samples, sampling);
-        let once = |k: u64| if goes_on() { calibration.once(k, &goes_on) } else { Ok(None) };
+        let once = |k: u64| if halt.goes_on() { calibration.once(k, halt) } else { Ok(None) };
         let repeats: Result<Vec<Option<Ranks>>, SampleError> =
             (0..u64::from(self.repeats)).into_par_iter().map(once).collect();
         Ok(calibrated(model.name(), seed, &samples.names, &repeats.map_err(refused)?))

@@ -16,7 +16,7 @@ use crate::value::positive;
 use clap::Args;
 use fdm_discover::{LackOfFit, RunResidual, lack_of_fit};
 use fdm_estimate::residuals::Baseline;
-use fdm_estimate::{Fit, fit, fit_from_beginnings};
+use fdm_estimate::{Fit, fit, fit_from_initial_conditions};
 use fdm_lab::posterior::Bands;
 use fdm_report::{
     Detail, band_table, band_verdict, baseline_table, estimate_text, fit_verdict, validation_by_frequency,
@@ -75,9 +75,10 @@ pub fn answer(
     let Session { model, runs, .. } = session;
     let options = asked.integration.among(folder.validation(model));
     let _writer = conduct.follow(session, None);
+    let work = conduct.progress.work();
     let result = match asked.initial_from {
-        None => fit(model, runs, &options, &mut conduct.progress),
-        Some(length) => fit_from_beginnings(model, runs, length, &options, &mut conduct.progress),
+        None => fit(model, runs, &options, &work),
+        Some(length) => fit_from_initial_conditions(model, runs, length, &options, &work),
     };
     conduct.progress.finish();
     let fit = result.or_failure()?;

@@ -8,12 +8,12 @@ use crate::load::ModelFile;
 use crate::progress_file::Course;
 use crate::records::Records;
 use crate::session::Session;
-use fdm_estimate::CheckpointStore;
-use fdm_lab::job::{Kind, Work};
+use fdm_estimate::{CheckpointStore, Halt};
+use fdm_lab::job::{Kind, Tasks};
 use fdm_results::store::Identity;
 
 /// Sees the tasks of a verb, ready to be done, and what their bits depend on.
-pub type Visit<'v> = &'v mut (dyn FnMut(&dyn Work, &Identity) -> Result<(), Failure> + 'v);
+pub type Visit<'v> = &'v mut (dyn FnMut(&dyn Tasks, &Identity) -> Result<(), Failure> + 'v);
 
 /// What every verb is given that works on a model and records.
 pub struct Given<'o> {
@@ -75,11 +75,11 @@ pub(crate) fn as_one_task(
     identity: &Identity,
     visit: Visit<'_>,
 ) -> Result<(), Failure> {
-    let (halt, wanted) = (conduct.progress.halt(), conduct.wanted);
-    let whole = |goes_on: &(dyn Fn() -> bool + Sync)| -> Bytes {
+    let wanted = conduct.wanted;
+    let whole = |halt: &Halt| -> Bytes {
         let mut conduct = Conduct::hidden(halt.clone(), Course::default(), wanted);
         let answer = verb.answer(session, &mut conduct);
-        if goes_on() { postcard::to_allocvec(&answer?).or_failure().map(Some) } else { Ok(None) }
+        if halt.goes_on() { postcard::to_allocvec(&answer?).or_failure().map(Some) } else { Ok(None) }
     };
     visit(&Whole(&whole), identity)
 }
@@ -88,9 +88,9 @@ pub(crate) fn as_one_task(
 type Bytes = Result<Option<Vec<u8>>, Failure>;
 
 /// A verb that is one task.
-struct Whole<'c>(&'c (dyn Fn(&(dyn Fn() -> bool + Sync)) -> Bytes + Sync));
+struct Whole<'c>(&'c (dyn Fn(&Halt) -> Bytes + Sync));
 
-impl Work for Whole<'_> {
+impl Tasks for Whole<'_> {
     fn kind(&self) -> Kind {
         Kind::Whole
     }
@@ -99,7 +99,7 @@ impl Work for Whole<'_> {
         1
     }
 
-    fn once(&self, _: u64, goes_on: &(dyn Fn() -> bool + Sync)) -> Result<Option<Vec<u8>>, String> {
-        (self.0)(goes_on).map_err(|e| e.to_string())
+    fn once(&self, _: u64, halt: &Halt) -> Result<Option<Vec<u8>>, String> {
+        (self.0)(halt).map_err(|e| e.to_string())
     }
 }

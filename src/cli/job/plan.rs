@@ -123,15 +123,15 @@ fn planned(
     let (states, halt) = (Memory::default(), progress.halt());
     let (mut found, mut seconds) = (None, None);
     command
-        .tasks(&states as &dyn CheckpointStore, &halt, &mut |work, identity| {
-            found = Some(PlannedCommand::new(&name, &words, work, identity));
+        .tasks(&states as &dyn CheckpointStore, halt, &mut |tasks, identity| {
+            found = Some(PlannedCommand::new(&name, &words, tasks, identity));
             if timed {
                 progress.say("doing one task, to see how long it takes");
                 // the first start is the given one, which is not like the others
-                let task = 1.min(work.count().saturating_sub(1));
+                let task = 1.min(tasks.count().saturating_sub(1));
                 let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().or_failure()?;
                 let begun = Instant::now();
-                let done = one.install(|| work.once(task, &|| halt.goes_on())).map_err(Failure::Numbers)?;
+                let done = one.install(|| tasks.once(task, halt)).map_err(Failure::Numbers)?;
                 seconds = done.map(|_| begun.elapsed().as_secs_f64());
             }
             Ok(())

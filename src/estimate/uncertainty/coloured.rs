@@ -15,10 +15,11 @@ use super::model_averaged::ShortRuns;
 use super::sandwich::{Corrected, NoiseColour, Sandwich, Uncorrected};
 use super::sensitivity_rows::{Colour, Filtered, SensitivityRows, sampling};
 use crate::iteration::priors::PriorRow;
+use crate::problem::response::RunResponse;
+use crate::problem::unknowns::Unknowns;
 use crate::problem::{Problem, ProblemRun};
 use crate::residuals::autocovariance::Lagged;
 use crate::residuals::autoregression::{self, AutoRegression, LevinsonDurbin};
-use crate::unknowns::Unknowns;
 use fdm_numeric::dense::multiply_add;
 use fdm_numeric::statistics::chi_squared_tail;
 use fdm_system::record::even_grid::EvenGrid;
@@ -108,22 +109,16 @@ pub(crate) fn corrected(
                 colours.extend(short.report(problem, &noise.covariance));
             }
             // the noise of a surcharge is one that is estimated
-            let declared = problem.runs.iter().all(|run| run.response.surcharge().is_none());
+            let declared = !problem.runs.iter().any(|run| matches!(run.response, RunResponse::Standardised(_)));
             if declared && is_as_declared(&runs, bound, &colours) {
                 let values = bound.inverse.values.clone();
-                return Ok((
-                    Corrected { values, colours, spectral: Vec::new(), freedom: Vec::new(), unbiased: None },
-                    runs,
-                ));
+                return Ok((Corrected { colours, ..Corrected::of(values) }, runs));
             }
             let mut freedom = known_by(&long, &runs, &sandwich, &inverse_noise, &covariance);
             if let Some(short) = &short {
                 short.settle(&sandwich, &others, &mut covariance, &mut freedom)?;
             }
-            return Ok((
-                Corrected { values: covariance, colours, spectral: Vec::new(), freedom, unbiased: None },
-                runs,
-            ));
+            return Ok((Corrected { colours, freedom, ..Corrected::of(covariance) }, runs));
         }
     }
     Err(Uncorrected::NotFinite)

@@ -13,8 +13,8 @@ use super::sandwich::{Corrected, Sandwich, Uncorrected};
 use super::spectral_colour::SpectralColour;
 use super::spectral_rows::{Power, SpectralRows, independent, reach};
 use crate::iteration::priors::PriorRow;
+use crate::problem::unknowns::Unknowns;
 use crate::problem::{Problem, ProblemRun};
-use crate::unknowns::Unknowns;
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
@@ -68,7 +68,7 @@ pub(crate) fn corrected_spectra(
     }
     let places: Vec<Vec<f64>> = runs.iter().enumerate().map(|(r, run)| sandwich.columns(r, run.width)).collect();
     let freedom = freedom(&runs, &power, &inverse_noise, &places, covariance.len().isqrt());
-    Ok(Corrected { values: covariance, colours: Vec::new(), spectral, freedom, unbiased })
+    Ok(Corrected { spectral, freedom, unbiased, ..Corrected::of(covariance) })
 }
 
 /// What the residuals of spectra say of their noise.

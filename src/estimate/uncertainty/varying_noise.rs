@@ -6,13 +6,12 @@ use super::sandwich::{Corrected, PriorInformation, Sandwich, Uncorrected};
 use super::sensitivity_rows::{Colour, SensitivityRows};
 use super::spectra::{NoiseByFrequency, noise_by_frequency};
 use crate::iteration::priors::PriorRow;
-use crate::noise::Weights;
-use crate::observer::Observer;
+use crate::problem::noise::Weights;
+use crate::problem::unknowns::Unknowns;
 use crate::problem::{Problem, ProblemRun};
 use crate::residuals::NoiseVariation;
 use crate::residuals::autoregression::{self, AutoRegression};
 use crate::residuals::noise_variation::{self, OutputSeries};
-use crate::unknowns::Unknowns;
 use num_complex::Complex64;
 
 /// Probability of chance, without leverage, above which noise is not looked at more closely.
@@ -93,11 +92,10 @@ pub(crate) fn allow_spectra(
     values: &[f64],
     bound: &CramerRao,
     corrected: &mut Corrected,
-    observer: &mut dyn Observer,
 ) -> Result<Vec<NoiseVariation>, Uncorrected> {
     let (Some(noise), Some(in_time)) = (&bound.noise, &problem.noise_in_time) else { return Ok(Vec::new()) };
     let theta: Vec<Vec<f64>> = (0..problem.runs.len()).map(|r| unknowns.assembled(r, values)).collect();
-    let Some(sizes) = in_time.sizes(&theta, observer) else { return Ok(Vec::new()) };
+    let Some(sizes) = in_time.sizes(&theta) else { return Ok(Vec::new()) };
     if !sizes.variation.iter().any(NoiseVariation::is_significant) {
         return Ok(sizes.variation);
     }

@@ -7,8 +7,8 @@ use super::weakest::Weakest;
 use fdm_estimate::equation_error::Regression;
 use fdm_estimate::residuals::OutputQuality;
 use fdm_estimate::{
-    Direction, Estimate, FilterFit, FitOptions, Identified, Method, Noise, ParameterEstimate, Status, best_iterate,
-    by_confidence, changed, identify,
+    Direction, Estimate, FilterFit, FitOptions, Identified, Method, Noise, ParameterEstimate, Status, Work,
+    best_iterate, by_confidence, changed, identify,
 };
 use fdm_system::Model;
 use fdm_system::linear::{LinearModel, Modes, Values};
@@ -97,7 +97,7 @@ pub(super) fn run(stage: &Stage, setting: &Setting) -> Result<Found, Fault> {
 }
 
 fn estimated(setting: &Setting, options: &FitOptions) -> Found {
-    let identified = match identify(&setting.model, &setting.runs, options, None, &mut ()) {
+    let identified = match identify(&setting.model, &setting.runs, options, &Work::default()) {
         Ok(identified) => identified,
         Err(e) => return Found::gone(e),
     };
@@ -116,7 +116,7 @@ fn estimated(setting: &Setting, options: &FitOptions) -> Found {
         _ => {}
     }
     if !setting.others.is_empty() && found.astray.is_none() {
-        match identified.predict(&setting.others, Noise::default(), &mut ()) {
+        match identified.predict(&setting.others, Noise::default(), &Work::default()) {
             Ok(other) => other.iter().for_each(|other| found.judged("predicted ", &other.quality)),
             Err(e) => found.astray = Some(e.to_string()),
         }

@@ -2,7 +2,7 @@
 
 use crate::store::ResultFolder;
 use fdm_estimate::residuals::{Advantage, OutputFit, advantage};
-use fdm_estimate::{Fit, FitError, Observer, fit};
+use fdm_estimate::{Fit, FitError, Work, fit};
 use fdm_numeric::statistics::normal_quantile;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
@@ -60,11 +60,11 @@ pub fn predict(
     folder: &ResultFolder,
     model: &Model,
     runs: &[Run],
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<(Prediction, Fit), FitError> {
     let mut options = folder.validation(model);
     options.options.colour = false;
-    let found = fit(model, runs, &options, observer)?;
+    let found = fit(model, runs, &options, work)?;
     let estimate = &found.estimate;
     let outputs = &found.model.definition().outputs;
     let q = outputs.len();

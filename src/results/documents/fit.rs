@@ -358,7 +358,7 @@ impl FitDocument {
         Self {
             method: Some("filter error".into()),
             deviations: Some(found.deviations.clone()),
-            not_identifiable: Some(found.silent.clone()),
+            not_identifiable: Some(found.not_identifiable.clone()),
             ..Self::of(&found.fit)
         }
     }

@@ -160,7 +160,7 @@ impl FrequencyDomain {
             independent_frequencies: fit.independent,
             frequencies: fit.spectra.iter().map(|s| s.omega.len()).collect(),
             bridged: fit.bridged.iter().map(BridgeDocument::of).collect(),
-            end_points: fit.ends.clone(),
+            end_points: fit.end_points.clone(),
             measured_regressors: regressors
                 .map(|t| MeasuredRegressorDocument { term: t.text.clone(), equations: t.equations.clone() })
                 .collect(),

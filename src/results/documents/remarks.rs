@@ -4,7 +4,8 @@ use super::BridgeDocument;
 use super::digits::digits;
 use super::doubted;
 use super::equal_minima::equal_minima;
-use fdm_estimate::residuals::{Cause, InputCorrelation, NoiseVariation, OutputFit, OutputQuality, Trend, Unexplained};
+use fdm_estimate::Unexplained;
+use fdm_estimate::residuals::{Cause, InputCorrelation, NoiseVariation, OutputFit, OutputQuality, Trend};
 use fdm_estimate::{
     Curvature, Estimate, Fit, InputInterpolation, LONG_RUN, NoiseColour, ParameterEstimate, SpectralColour,
     SpectralFit, Status, Termination, Uncorrected,
