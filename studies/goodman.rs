@@ -234,8 +234,8 @@ fn ship_table_1() {
     }
     let examined = FitOptions { confidence: true, reweight: true, ..ship.at_truth() };
     let found = fit(&ship.model, &[ship.noisy(0.02, 1)], &examined, &Work::default()).unwrap();
-    println!("\n{}{}", fdm::report::estimate_table(&found.estimate), fdm::report::confidence(&found));
-    assert!(fdm::report::confidence(&found).contains("of minor importance"));
+    println!("\n{}{}", fdm::report::estimate_table(&found.estimate), fdm::report::confidence(&fdm::FitDocument::of(&found)));
+    assert!(fdm::report::confidence(&fdm::FitDocument::of(&found)).contains("of minor importance"));
     // with little noise the order does not hang on the one record
     let found = fit(&ship.model, &[ship.noisy(0.002, 1)], &examined, &Work::default()).unwrap();
     let order = by_confidence(&found.by_length);
@@ -360,7 +360,7 @@ fn t33_table_4() {
     scatter_agrees(&t33, 0.02, 1, 2000);
     let examined = FitOptions { confidence: true, reweight: true, ..t33.options(Vec::new()) };
     let found = fit(&t33.model, &[t33.noisy(0.02, 1)], &examined, &Work::default()).unwrap();
-    println!("\n{}{}", fdm::report::estimate_table(&found.estimate), fdm::report::confidence(&found));
+    println!("\n{}{}", fdm::report::estimate_table(&found.estimate), fdm::report::confidence(&fdm::FitDocument::of(&found)));
     // the order of one record hangs on its noise; the mean place over many does not
     let order = |seed: u64| {
         let options = FitOptions { confidence: true, ..t33.options(Vec::new()) };

@@ -3,6 +3,7 @@
 //! `cargo test --release --manifest-path studies/Cargo.toml --test studies papers:: -- --ignored --nocapture`
 
 use fdm::Model;
+use fdm::documents::RegressionDocument;
 use fdm::equation_error::{Components, by_cutoff, by_length, regress};
 use fdm::estimate::{SpectralFit, SpectralOptions, Work, fit_spectra};
 use fdm::frequency::EndTerms;
@@ -264,7 +265,8 @@ fn puma_pitching_moment() {
         let runs = std::slice::from_ref(&run);
         let options = puma::at_frequencies(puma::HIGHEST, puma::PUBLISHED);
         println!("\ntheory of HELISTAB flown with a delay of {delay} s; the published rule\n");
-        println!("{}", regression_table(&regress(&equation, runs, &options).unwrap()));
+        let found = regress(&equation, runs, &options).unwrap();
+        println!("{}", regression_table(&RegressionDocument::of(equation.name(), &found)));
         let auto = regress(&equation, runs, &puma::at_frequencies(puma::HIGHEST, Components::Auto)).unwrap();
         println!("chosen by condition index: {} of 6", auto.fits[0].chosen);
         let scores: Vec<usize> = (1..=REPEATS)
@@ -307,5 +309,5 @@ fn puma_pitching_moment() {
         .map(|f| puma::pitching_moment(&puma::with_noise(&f, 1.0, 1)))
         .collect();
     let found = regress(&equation, &flights, &puma::at_frequencies(0.5, puma::PUBLISHED)).unwrap();
-    println!("\nthree runs of three controls to 0.5 Hz\n{}", regression_table(&found));
+    println!("\nthree runs of three controls to 0.5 Hz\n{}", regression_table(&RegressionDocument::of(equation.name(), &found)));
 }

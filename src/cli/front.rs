@@ -62,9 +62,9 @@ impl Diagnosed {
         let mut all: Vec<Vec<EffectAt>> = self.document.front.iter().map(|m| m.effects.clone()).collect();
         let recommended = self.document.front.iter().find(|m| m.recommended).map(|m| m.effects.clone());
         for cause in &self.document.causes {
-            let place = EffectAt { effect: cause.effect.clone(), targets: cause.targets.clone() };
-            let Some(at) = recommended.as_ref().and_then(|r| r.iter().position(|e| *e == place)) else { continue };
-            for other in cause.group.iter().map(|a| &a.place).filter(|other| **other != place).take(ALTERNATIVES) {
+            let place = &cause.place;
+            let Some(at) = recommended.as_ref().and_then(|r| r.iter().position(|e| e == place)) else { continue };
+            for other in cause.group.iter().map(|a| &a.place).filter(|other| *other != place).take(ALTERNATIVES) {
                 let mut effects = recommended.clone().unwrap_or_default();
                 effects[at] = other.clone();
                 if !all.contains(&effects) {

@@ -105,7 +105,7 @@ impl Diagnosed<'_> {
         let Self { asked, session, options, found, in_time } = self;
         let document = DiagnosisDocument { records: session.judged.clone(), ..DiagnosisDocument::of(found, written) };
         let both = Wanted { json: wanted.json || wanted.files, ..wanted };
-        let answer = Answer::of(diagnosis_text(found), &document, both)?;
+        let answer = Answer::of(diagnosis_text(&document), &document, both)?;
         let mut answer = Answer { good: *in_time && !found.stopped, ..answer };
         let changed = |text: &String| difference(session.model.source().text(), text, &asked.model.model);
         let difference = found.extended.as_ref().map(changed).unwrap_or_default();

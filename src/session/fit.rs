@@ -26,7 +26,7 @@ use fdm_estimate::{
 use fdm_lab::job;
 use fdm_lab::study::StudyError;
 use fdm_report::{
-    Detail, TimeHistory, baseline_table, confidence, filter_table, fit_table, fit_verdict, fitted_response_columns,
+    Detail, TimeHistory, baseline_table, confidence, fit_table, fit_verdict, fitted_response_columns,
     fitted_response_table, hidden_mode, history_table, overlays, prediction_table, regression_table, spectral_table,
     spectrum_columns, starts_hint, starts_table, way,
 };
@@ -320,15 +320,16 @@ impl Options {
         if let Identified::OutputError(fit) = found
             && !fit.starts.is_empty()
         {
-            text.push_str(&starts_table(&fit.starts, self.starts as usize));
+            text.push_str(&starts_table(FitDocument::of(fit).starts(), self.starts as usize));
             text.push_str(&format!("{}\n", starts_hint(&fit.model.definition().params)));
         }
         if let Some(fit) = found.in_time().filter(|_| self.watch) {
             text.push_str(&format!("\n{}\n", overlays(&histories(fit, &session.runs))));
         }
         if let Identified::OutputError(fit) = found {
-            text.push_str(&confidence(fit));
-            text.push_str(&way(fit));
+            let document = FitDocument::of(fit);
+            text.push_str(&confidence(&document));
+            text.push_str(&way(&document));
         }
         let cost = match found {
             Identified::FrequencyResponse(fit) => fit.cost().map(|c| format!(", average cost {c:.3}")),
@@ -411,11 +412,13 @@ fn document(found: &Identified) -> ResultDocument {
 
 fn tables(found: &Identified, detail: Detail) -> String {
     match found {
-        Identified::OutputError(fit) => fit_table(fit, detail),
-        Identified::FilterError(fit) => filter_table(fit, detail),
+        Identified::OutputError(fit) => fit_table(&FitDocument::of(fit), detail),
+        Identified::FilterError(fit) => fit_table(&FitDocument::of_filter(fit), detail),
         Identified::Spectra(fit) => spectral_table(fit, detail),
         Identified::FrequencyResponse(fit) => fitted_response_table(fit, detail),
-        Identified::EquationError { regression, .. } => regression_table(regression),
+        Identified::EquationError { regression, .. } => {
+            regression_table(&RegressionDocument::of(found.model().name(), regression))
+        }
     }
 }
 
@@ -523,9 +526,10 @@ fn has_moved(fit: &Fit) -> bool {
 
 /// What went wrong, and a fit as far as it came, when the work that it was made for cannot go on from there.
 pub(crate) fn astray(error: &StudyError, fit: &Fit, conduct: &Conduct) -> Failure {
-    let (e, table) = (&fit.estimate, fit_table(fit, Detail::default()));
+    let document = FitDocument::of(fit);
+    let (e, table) = (&fit.estimate, fit_table(&document, Detail::default()));
     let text = format!("{}\n\n{table}\n{} after {} iterations\n", title(&fit.model), e.termination, e.iterations);
-    let json = conduct.wanted.json.then(|| as_json(&FitDocument::of(fit)).ok()).flatten();
+    let json = conduct.wanted.json.then(|| as_json(&document).ok()).flatten();
     Failure::Astray { said: error.to_string(), so_far: SoFar { text, json, remarks: remarks(fit, true) } }
 }
 

@@ -44,9 +44,8 @@ pub fn answer(asked: &Options, wanted: Wanted) -> Result<Answer, Failure> {
 pub(crate) fn of_model(model: &Model, covariance: Option<&[f64]>, wanted: Wanted) -> Result<Answer, Failure> {
     let (trim, modes) = modes(model)?;
     let errors = covariance.map_or(Vec::new(), |covariance| errors(model, &modes, covariance));
-    let (text, document) =
-        (modes_table(model, &trim, &modes, &errors), ModesDocument::of(model, &trim, &modes, &errors));
-    Answer::of(text, &document, wanted)
+    let document = ModesDocument::of(model, &trim, &modes, &errors);
+    Answer::of(modes_table(&document), &document, wanted)
 }
 
 impl Options {

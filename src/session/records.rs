@@ -108,7 +108,7 @@ pub(crate) fn judged<'r>(
     findings.extend(examine_repeats(&seen));
     fdm_doctor::sort(&mut findings);
     let assumed = read.iter().filter_map(|(run, summary)| Some(Assumptions::of(&run.name, (*summary)?)));
-    JudgedRecords { assumed: assumed.filter(|a| !a.sentences().is_empty()).collect(), findings }.said()
+    JudgedRecords { assumed: assumed.filter(|a| !a.sentences().is_empty()).collect(), findings }.unless_empty()
 }
 
 /// Tells the leading findings unless it is to be `quiet`.

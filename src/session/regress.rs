@@ -176,8 +176,8 @@ impl Options {
     fn at_once(&self, session: &Session, conduct: &Conduct) -> Result<Answer, Failure> {
         let (model, runs, options) = (&session.model, &session.runs, self.options());
         let found = regress(model, runs, &options).or_failure()?;
-        let mut text = regression_table(&found);
         let mut document = RegressionDocument::of(model.name(), &found);
+        let mut text = regression_table(&document);
         document.records.clone_from(&session.judged);
         let halt = conduct.progress.halt();
         if self.dependence && halt.goes_on() {

@@ -296,7 +296,10 @@ fn files(first: &Fit, study: &Study, columns: &[(String, Vec<f64>)]) -> Result<V
     csv.push('\n');
     Ok(vec![
         ("study.json".into(), as_json(study)?.into_bytes()),
-        ("fit.txt".into(), fit_table(first, Detail { verbose: true, ..Detail::default() }).into_bytes()),
+        (
+            "fit.txt".into(),
+            fit_table(&FitDocument::of(first), Detail { verbose: true, ..Detail::default() }).into_bytes(),
+        ),
         ("repeats.csv".into(), csv.into_bytes()),
     ])
 }

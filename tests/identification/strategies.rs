@@ -305,7 +305,7 @@ fn weights_and_lengths_tell_which_parameters_to_trust() {
     assert!(largest("b") > 2.0 && largest("b") > 1.5 * largest("a"), "a {} b {}", largest("a"), largest("b"));
     let order = by_confidence(&found.by_length);
     assert_eq!(order.iter().map(|s| s.name.as_str()).collect::<Vec<_>>(), ["a", "b"]);
-    let shown = fdm::report::confidence(&found);
+    let shown = fdm::report::confidence(&fdm::FitDocument::of(&found));
     assert!(shown.contains("by confidence") && shown.contains("without z_m"), "{shown}");
 }
 

@@ -2,22 +2,22 @@
 
 /// A table that was read.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Table {
-    pub(super) columns: Vec<Column>,
+pub(crate) struct Table {
+    pub(crate) columns: Vec<Column>,
 }
 
 /// One column.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Column {
-    pub(super) name: String,
-    pub(super) unit: Option<String>,
+pub(crate) struct Column {
+    pub(crate) name: String,
+    pub(crate) unit: Option<String>,
     /// NaN where nothing stands.
-    pub(super) values: Vec<f64>,
+    pub(crate) values: Vec<f64>,
 }
 
 impl Table {
     /// Reads what this program wrote; none when it is something else.
-    pub(super) fn read(bytes: &[u8]) -> Option<Self> {
+    pub(crate) fn read(bytes: &[u8]) -> Option<Self> {
         let mut reader = csv::Reader::from_reader(bytes);
         let heads = reader.headers().ok()?.clone();
         let mut columns: Vec<Column> = heads.iter().map(head).collect();
@@ -30,7 +30,7 @@ impl Table {
         (!columns.is_empty()).then_some(Self { columns })
     }
 
-    pub(super) fn column(&self, name: &str) -> Option<&Column> {
+    pub(crate) fn column(&self, name: &str) -> Option<&Column> {
         self.columns.iter().find(|c| c.name == name)
     }
 }

@@ -8,7 +8,7 @@ use fdm_system::model::Model;
 use fdm_system::record::Run;
 use serde::{Deserialize, Serialize};
 
-/// What a result predicts of the held-out runs, initial states and biases found anew.
+/// What a result predicts of validation runs, initial states and biases found anew.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 pub struct Prediction {
     /// The name of the result.
@@ -47,7 +47,7 @@ pub struct Edge {
     pub best: String,
     /// The other result.
     pub other: String,
-    /// By how much it is better, and whether that could be chance; none where too little is independent to tell.
+    /// By how much it is better, and whether that could be chance; none where too little is independent.
     pub advantage: Option<Advantage>,
 }
 

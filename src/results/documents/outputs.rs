@@ -80,14 +80,13 @@ impl NoiseModelDocument {
     }
 }
 
-impl OutputDocument {
-    /// Of an output whose residuals were not asked.
-    pub fn of(model: &Model, fit: &OutputFit) -> Self {
-        let declared = model.definition().outputs.iter().find(|d| d.quantity.name == fit.name);
+impl From<&OutputFit> for OutputDocument {
+    /// Of an output whose residuals were not asked, and whose unit is not known.
+    fn from(fit: &OutputFit) -> Self {
         Self {
             name: fit.name.clone(),
             run: fit.run.clone(),
-            unit: declared.and_then(|d| d.quantity.unit.as_ref()).map(ToString::to_string),
+            unit: None,
             rms: fit.rms,
             mean: fit.bias,
             r2: fit.r2,
@@ -102,6 +101,15 @@ impl OutputDocument {
             noise_model: None,
             untested: None,
         }
+    }
+}
+
+impl OutputDocument {
+    /// Of an output whose residuals were not asked.
+    pub fn of(model: &Model, fit: &OutputFit) -> Self {
+        let declared = model.definition().outputs.iter().find(|d| d.quantity.name == fit.name);
+        let unit = declared.and_then(|d| d.quantity.unit.as_ref()).map(ToString::to_string);
+        Self { unit, ..Self::from(fit) }
     }
 
     /// Of outputs with what their residuals say.

@@ -5,12 +5,13 @@ use crate::problem::changes::Changes;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::spectrum::Frequencies;
+use serde::{Deserialize, Serialize};
 
 /// Squared ratio of a value to its error from which on a regression is preferred to the model's own value.
 const PREFERRED: f64 = 4.0;
 
 /// A value that an estimation begins with, and where it is from.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct StartingValue {
     /// The parameter.
     pub parameter: String,

@@ -1,34 +1,32 @@
 //! Work that goes on: what is being done, for how long, and how much is left.
 
-use super::number::{shown, text};
 use super::section::{Section, Trust, Verdict};
-use super::study;
-use super::subject::{Content, Subject};
+use crate::page::number::{shown, text};
+use crate::page::subject::{Content, Subject};
+use crate::study;
 use fdm_results::documents::ProgressDocument;
 use maud::html;
 
 /// What is known so far, in a sentence.
-pub(super) fn verdict(told: &ProgressDocument, silent: Option<f64>) -> Verdict {
+pub(crate) fn verdict(report: &ProgressDocument, silent: Option<f64>) -> Verdict {
     if let Some(silent) = silent {
         let said = format!(
-            "Nothing was heard of this work for {}: the program was killed, or the machine stood still. What it told last:",
+            "Nothing was heard of this work for {}: the program was killed, or the machine stood still. Its last report:",
             duration(silent)
         );
-        return (Trust::Bad, said, Vec::new());
+        return Verdict::new(Trust::Bad, said);
     }
-    let doing = Some(told.progress.doing.as_str()).filter(|d| !d.is_empty()).unwrap_or("it has begun");
-    let mut points = Vec::new();
-    if let Some(study) = told.result.study.as_ref().filter(|study| study.trusted().is_some()) {
-        points.push((format!("So far: {}", study::verdict(study).1), "coverage"));
-    }
-    (Trust::Open, format!("At work: {doing}."), points)
+    let doing = Some(report.progress.doing.as_str()).filter(|d| !d.is_empty()).unwrap_or("it has begun");
+    let study = report.result.study.as_ref().filter(|study| study.trusted().is_some());
+    let so_far = study.map(|study| format!("So far: {}", study::verdict(study).sentence));
+    Verdict::new(Trust::Open, format!("At work: {doing}.")).with_points(so_far, "coverage")
 }
 
-pub(super) fn section(subject: &Subject) -> Option<Section> {
-    let Content::AtWork(told, _) = &subject.content else { return None };
-    let (done, asked, what) = match &told.result.study {
+pub(crate) fn section(subject: &Subject) -> Option<Section> {
+    let Content::AtWork(report, _) = &subject.content else { return None };
+    let (done, asked, what) = match &report.result.study {
         Some(study) => (study.done, Some(study.asked), "repeats"),
-        None => (subject.starts().len(), told.result.starts_asked, "starts"),
+        None => (subject.starts().len(), report.result.starts_asked, "starts"),
     };
     let last = subject.history().last();
     let content = html! {
@@ -37,8 +35,8 @@ pub(super) fn section(subject: &Subject) -> Option<Section> {
             p { (done) " of " (asked) " " (what) " have ended." }
         }
         div.scroll { table { tbody {
-            tr { th scope="row" { "at work for" } td.number { (duration(told.progress.elapsed)) } }
-            @if let Some(left) = told.progress.left { tr { th scope="row" { "time left" } td.number { (duration(left)) } } }
+            tr { th scope="row" { "at work for" } td.number { (duration(report.progress.elapsed)) } }
+            @if let Some(left) = report.progress.left { tr { th scope="row" { "time left" } td.number { (duration(left)) } } }
             @if let Some(last) = last {
                 tr { th scope="row" { "iteration" } td.number { (last.number) } }
                 tr { th scope="row" { "cost" } td.number { (shown(last.cost, 10)) } }
@@ -47,7 +45,7 @@ pub(super) fn section(subject: &Subject) -> Option<Section> {
         } } }
         p.note { "The page follows the work by itself, and becomes that of the result." }
     };
-    Some(Section::new("progress", "How far it is", content))
+    Some(Section::drawn("progress", "How far it is", content))
 }
 
 /// A time in words, from seconds.

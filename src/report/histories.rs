@@ -1,11 +1,11 @@
 //! What was measured beside what the model answers, output by output, with the residual beneath on the same axis.
 
-use super::figure::{Figure, Look, Mark, Panel, Shape};
-use super::number::{bracketed, shown};
 use super::section::Section;
-use super::subject::Subject;
-use super::table::{Column, Table};
-use super::thinning::kept;
+use crate::page::figure::{Figure, Look, Mark, Panel, Shape};
+use crate::page::number::{bracketed, shown};
+use crate::page::subject::Subject;
+use crate::page::table::{Column, Table};
+use crate::page::thinning::Kept;
 use maud::html;
 
 /// Points of all figures together, and of one at least and at most.
@@ -19,7 +19,7 @@ const PARTS: [&str; 6] = ["model", "residual", "low", "high", "measured_low", "m
 /// Inputs in one figure.
 const INPUTS: usize = 6;
 
-pub(super) fn section(subject: &Subject) -> Option<Section> {
+pub(crate) fn section(subject: &Subject) -> Option<Section> {
     if subject.runs.is_empty() {
         return None;
     }
@@ -32,11 +32,11 @@ pub(super) fn section(subject: &Subject) -> Option<Section> {
             }
         }
     };
-    Some(Section::new("histories", "Time histories", content))
+    Some(Section::drawn("histories", "Time histories", content))
 }
 
 /// All of them, run by run.
-pub(super) fn figures(subject: &Subject) -> Vec<Figure> {
+pub(crate) fn figures(subject: &Subject) -> Vec<Figure> {
     let most = most(subject);
     let runs = subject.runs.iter().enumerate();
     runs.flat_map(|(k, (run, table))| figures_of(subject, k, run, table, most)).collect()
@@ -74,8 +74,8 @@ fn figures_of(subject: &Subject, k: usize, run: &str, table: &Table, most: usize
 fn overlay(id: &str, k: usize, caption: String, table: &Table, [time, output]: [&Column; 2], most: usize) -> Figure {
     let other = |kind: &str| table.column(&format!("{}_{kind}", output.name)).map_or(&[][..], |c| &c.values);
     let (model, residual) = (other("model"), other("residual"));
-    let indices = kept(&[&output.values, model, residual], most);
-    let pick = |values: &[f64]| indices.iter().filter_map(|k| values.get(*k).copied()).collect::<Vec<f64>>();
+    let kept = Kept::new(&[&output.values, model, residual], most);
+    let pick = |values: &[f64]| kept.pick(values);
     let unit = bracketed(output.unit.as_deref());
     let mut marks = Vec::new();
     for (kind, name) in [("measured_", "95 % of measurements"), ("", "95 % of the response")] {
@@ -88,46 +88,29 @@ fn overlay(id: &str, k: usize, caption: String, table: &Table, [time, output]: [
     marks.push(Mark::line("measured", Look::Measured, pick(&output.values)));
     marks.push(Mark::line("model", Look::Model, pick(model)));
     let residual = vec![Mark::line("measured − model", Look::Residual, pick(residual))];
-    Figure {
-        id: id.into(),
-        group: format!("run-{k}"),
-        caption,
-        label: label(time),
-        logarithmic: false,
-        at: pick(&time.values),
-        panels: vec![
-            Panel { label: format!("{}{unit}", output.name), height: 210, logarithmic: false, marks },
-            Panel { label: format!("residual{unit}"), height: 90, logarithmic: false, marks: residual },
-        ],
-        names: Vec::new(),
-        half: false,
-        samples: (indices.len() < time.values.len()).then_some(time.values.len()),
-    }
+    Figure::new(id, caption, label(time), pick(&time.values))
+        .in_group(format!("run-{k}"))
+        .with(Panel::new(format!("{}{unit}", output.name), 210, marks))
+        .with(Panel::new(format!("residual{unit}"), 90, residual))
+        .thinned(kept.samples())
 }
 
 /// The inputs below each other.
 fn given(k: usize, time: &Column, inputs: &[&Column], most: usize) -> Figure {
     let lines: Vec<&[f64]> = inputs.iter().map(|c| &c.values[..]).collect();
-    let indices = kept(&lines, most);
-    let pick = |values: &[f64]| indices.iter().filter_map(|k| values.get(*k).copied()).collect::<Vec<f64>>();
-    let panel = |c: &&Column| Panel {
-        label: format!("{}{}", c.name, bracketed(c.unit.as_deref())),
-        height: 90,
-        logarithmic: false,
-        marks: vec![Mark::line(&c.name, Look::Input, pick(&c.values))],
+    let kept = Kept::new(&lines, most);
+    let pick = |values: &[f64]| kept.pick(values);
+    let panel = |c: &&Column| {
+        Panel::new(
+            format!("{}{}", c.name, bracketed(c.unit.as_deref())),
+            90,
+            vec![Mark::line(&c.name, Look::Input, pick(&c.values))],
+        )
     };
-    Figure {
-        id: format!("inputs-{}", k + 1),
-        group: format!("run-{k}"),
-        caption: "what was given".into(),
-        label: label(time),
-        logarithmic: false,
-        at: pick(&time.values),
-        panels: inputs.iter().map(panel).collect(),
-        names: Vec::new(),
-        half: false,
-        samples: (indices.len() < time.values.len()).then_some(time.values.len()),
-    }
+    Figure::new(format!("inputs-{}", k + 1), "what was given", label(time), pick(&time.values))
+        .in_group(format!("run-{k}"))
+        .with_all(inputs.iter().map(panel).collect())
+        .thinned(kept.samples())
 }
 
 fn label(time: &Column) -> String {

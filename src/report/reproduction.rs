@@ -1,10 +1,10 @@
 //! What it takes to get the same numbers again: the command, the files by their fingerprints, the program.
 
 use super::section::Section;
-use super::subject::Subject;
+use crate::page::subject::Subject;
 use maud::html;
 
-pub(super) fn section(subject: &Subject) -> Option<Section> {
+pub(crate) fn section(subject: &Subject) -> Option<Section> {
     let manifest = subject.manifest.as_ref()?;
     let content = html! {
         pre.command { code { (command(&manifest.command)) } }
@@ -25,7 +25,7 @@ pub(super) fn section(subject: &Subject) -> Option<Section> {
         p.note { "Fingerprints are SHA-256. The same command on the same files gives the same bits, whatever the number of threads." }
         details { summary { "the model's text" } pre.text { (subject.source.text()) } }
     };
-    Some(Section::new("reproduction", "To reproduce it", content))
+    Some(Section::drawn("reproduction", "To reproduce it", content))
 }
 
 /// The command as it can be typed; the program without its place.

@@ -1,7 +1,7 @@
 //! What the states do in a mode: the components of its eigenvector, each as a hand of a dial, its length by decades.
 
-use super::number::text;
-use super::picture::Picture;
+use crate::page::number::text;
+use crate::page::picture::Picture;
 use fdm_results::documents::{Component, ModeDocument};
 use maud::{Markup, html};
 
@@ -35,7 +35,7 @@ impl Hand<'_> {
 }
 
 /// One picture for each pair of complex modes, with the number that the table gives it.
-pub(super) fn pictures(modes: &[ModeDocument], time: &str) -> Vec<Picture> {
+pub(crate) fn pictures(modes: &[ModeDocument], time: &str) -> Vec<Picture> {
     let upper = modes.iter().filter(|m| m.im >= 0.0).enumerate();
     upper.filter_map(|(k, m)| picture(k + 1, m, time)).take(MOST).collect()
 }
@@ -125,7 +125,7 @@ fn apart(column: &mut [&Hand<'_>]) -> Vec<f64> {
 }
 
 /// Mode shapes as numbers, for every mode.
-pub(super) fn table(modes: &[ModeDocument]) -> Markup {
+pub(crate) fn table(modes: &[ModeDocument]) -> Markup {
     let upper: Vec<&ModeDocument> = modes.iter().filter(|m| m.im >= 0.0).collect();
     let states = upper.first().map_or(&[][..], |m| &m.shape);
     let cell = |m: &ModeDocument, k: usize| {

@@ -1,18 +1,17 @@
-//! Which parameters the data tell apart badly: the correlations of all estimates as a map, and the worst as a list.
+//! Which parameters the data hardly separate: the correlations of all estimates as a map, and the worst as a list.
 
-use super::number::text;
 use super::section::Section;
-use super::subject::{Subject, called};
+use crate::page::number::text;
+use crate::page::subject::Subject;
+use fdm_results::documents::{CORRELATED, with_run};
 use maud::html;
 
-/// Correlations beyond this are listed.
-const LISTED: f64 = 0.9;
 /// More parameters than this have no map: nobody could read it.
 const MOST: usize = 60;
 
-pub(super) fn section(subject: &Subject) -> Option<Section> {
+pub(crate) fn section(subject: &Subject) -> Option<Section> {
     let fit = subject.fit()?;
-    let name = |k: &usize| fit.parameters.get(*k).map_or(String::new(), |p| called(&p.name, p.run.as_deref()));
+    let name = |k: &usize| fit.parameters.get(*k).map_or(String::new(), |p| with_run(&p.name, p.run.as_deref()));
     let names: Vec<String> = fit.correlations.parameters.iter().map(name).collect();
     let rows = &fit.correlations.values;
     if names.len() < 2 || rows.len() != names.len() || rows.iter().any(|r| r.len() != names.len()) {
@@ -20,7 +19,7 @@ pub(super) fn section(subject: &Subject) -> Option<Section> {
     }
     let mut pairs: Vec<(usize, usize, f64)> = Vec::new();
     for (i, row) in rows.iter().enumerate() {
-        pairs.extend(row[..i].iter().enumerate().filter(|(_, r)| r.abs() > LISTED).map(|(j, r)| (j, i, *r)));
+        pairs.extend(row[..i].iter().enumerate().filter(|(_, r)| r.abs() > CORRELATED).map(|(j, r)| (j, i, *r)));
     }
     pairs.sort_by(|a, b| b.2.abs().total_cmp(&a.2.abs()));
     let content = html! {
@@ -45,9 +44,9 @@ pub(super) fn section(subject: &Subject) -> Option<Section> {
             p.note { "In hundredths. Orange rises together, blue against each other." }
         }
         @if pairs.is_empty() {
-            p { "No two parameters correlate by more than " (LISTED) "." }
+            p { "No two parameters correlate by more than " (CORRELATED) "." }
         } @else {
-            p { "Correlated by more than " (LISTED) ", so that one can make up for the other:" }
+            p { "Correlated by more than " (CORRELATED) ", so that one can make up for the other:" }
             ul.columns {
                 @for (j, i, r) in &pairs { li { code { (names[*j]) } " and " code { (names[*i]) } ": " (text(*r, 4)) } }
             }
@@ -56,11 +55,11 @@ pub(super) fn section(subject: &Subject) -> Option<Section> {
             p.note { "Condition number of the scaled information matrix: " (text(condition, 3)) "." }
         }
     };
-    Some(Section::new("correlations", "Correlations", content))
+    Some(Section::drawn("correlations", "Correlations", content))
 }
 
 /// One of ten steps of the colour of a sign.
-pub(super) fn shade(r: f64, own: bool) -> String {
+pub(crate) fn shade(r: f64, own: bool) -> String {
     if own || !r.is_finite() {
         return "own".into();
     }

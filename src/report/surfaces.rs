@@ -1,10 +1,10 @@
 //! The tables of a model at the estimates: curves and surfaces with their errors, as far as any run has visited them.
 
-use super::correlations::shade;
-use super::figure::{Figure, Look, Mark, Panel, Shape};
-use super::number::{bracketed, text, written};
 use super::section::Section;
-use super::subject::Subject;
+use crate::correlations::shade;
+use crate::page::figure::{Figure, Look, Mark, Panel, Shape};
+use crate::page::number::{bracketed, text, written};
+use crate::page::subject::Subject;
 use fdm_estimate::{NodeEstimate, Smoothing, TableAxis, TableEstimate};
 use fdm_results::documents::digits_by_error;
 use maud::{Markup, html};
@@ -20,7 +20,7 @@ fn estimated(subject: &Subject) -> Vec<&TableEstimate> {
     tables.filter(|t| t.nodes.iter().any(|n| n.parameter.is_some())).take(MOST).collect()
 }
 
-pub(super) fn section(subject: &Subject) -> Option<Section> {
+pub(crate) fn section(subject: &Subject) -> Option<Section> {
     let tables = estimated(subject);
     if tables.is_empty() {
         return None;
@@ -39,10 +39,10 @@ pub(super) fn section(subject: &Subject) -> Option<Section> {
         }
         p.note { "Orange is above zero, blue below; a node without a number was not visited by any run. Pointed at, a node tells its standard error." }
     };
-    Some(Section::new("tables", "Tables", content))
+    Some(Section::drawn("tables", "Tables", content))
 }
 
-pub(super) fn figures(subject: &Subject) -> Vec<Figure> {
+pub(crate) fn figures(subject: &Subject) -> Vec<Figure> {
     estimated(subject).into_iter().enumerate().filter_map(|(k, table)| figure(k, table)).collect()
 }
 
@@ -137,7 +137,7 @@ fn figure(k: usize, table: &TableEstimate) -> Option<Figure> {
             ]
         }
         [second] => {
-            // few enough to be told apart
+            // few enough to be distinguished
             let step = second.axis.len().div_ceil(LOOKS.len());
             let line = |(mark, j): (usize, usize)| {
                 let values = table.nodes[j..].iter().step_by(second.axis.len()).map(|n| number(n.value)).collect();
@@ -148,16 +148,8 @@ fn figure(k: usize, table: &TableEstimate) -> Option<Figure> {
         _ => return None,
     };
     let unit = bracketed(first.unit.as_deref());
-    Some(Figure {
-        id: format!("table-{}", k + 1),
-        group: format!("table-{}", k + 1),
-        caption: called(table),
-        label: format!("{}{unit}", first.name),
-        logarithmic: false,
-        at: first.axis.clone(),
-        panels: vec![Panel { label: table.table.clone(), height: 200, logarithmic: false, marks }],
-        names: Vec::new(),
-        half: false,
-        samples: None,
-    })
+    Some(
+        Figure::new(format!("table-{}", k + 1), called(table), format!("{}{unit}", first.name), first.axis.clone())
+            .with(Panel::new(table.table.clone(), 200, marks)),
+    )
 }

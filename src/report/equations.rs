@@ -1,7 +1,7 @@
 //! The model's equations, typeset; beside each what the text says of it.
 
 use super::section::Section;
-use super::subject::Subject;
+use crate::page::subject::Subject;
 use fdm_grammar::Source;
 use fdm_grammar::expand::expand;
 use fdm_grammar::syntax::{Declaration, Role, StatementKind, SyntaxTree, Typesetter, Value};
@@ -11,25 +11,25 @@ use maud::{Markup, PreEscaped, html};
 const LONGEST: usize = 20_000;
 
 /// One line of mathematics.
-pub(super) struct Line {
+pub(crate) struct Line {
     /// MathML.
-    pub(super) set: String,
+    pub(crate) set: String,
     /// What the text says of it.
-    pub(super) says: String,
+    pub(crate) says: String,
 }
 
-pub(super) fn section(subject: &Subject) -> Option<Section> {
+pub(crate) fn section(subject: &Subject) -> Option<Section> {
     let tree = subject.tree.as_ref()?;
     let lines = lines(tree, &subject.source);
     if lines.is_empty() {
         return None;
     }
     let content = html! { div.equations { @for line in &lines { (shown(line, "")) } } };
-    Some(Section::new("equations", "Equations", content))
+    Some(Section::drawn("equations", "Equations", content))
 }
 
 /// One line in a class of its own.
-pub(super) fn shown(line: &Line, class: &str) -> Markup {
+pub(crate) fn shown(line: &Line, class: &str) -> Markup {
     html! {
         div class=(class) { (PreEscaped(broken(&line.set))) @if !line.says.is_empty() { span.says { (line.says) } } }
     }
@@ -84,7 +84,7 @@ fn summands(inside: &str) -> Vec<usize> {
 }
 
 /// Equations, what they are made of, and outputs, in the order of the text.
-pub(super) fn lines(tree: &SyntaxTree, source: &Source) -> Vec<Line> {
+pub(crate) fn lines(tree: &SyntaxTree, source: &Source) -> Vec<Line> {
     if tree.expressions.len() > LONGEST {
         return Vec::new();
     }
