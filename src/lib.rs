@@ -7,7 +7,7 @@ extern crate self as fdm;
 pub mod example;
 
 // The packages, whole: for what the names below do not cover.
-#[cfg(feature = "cli")]
+#[cfg(feature = "lsp")]
 #[doc(hidden)]
 pub use fdm_cli::language_server as lsp;
 #[cfg(feature = "cli")]
@@ -15,12 +15,13 @@ pub use fdm_cli::language_server as lsp;
 pub use fdm_cli::main_with;
 #[cfg(feature = "discover")]
 pub use fdm_discover as diagnose;
+#[cfg(feature = "discover")]
+pub use fdm_effects as effect;
 pub use fdm_estimate as estimate;
 pub use fdm_estimate::methods::equation_error;
 pub use fdm_estimate::residuals;
 #[doc(hidden)]
 pub use fdm_grammar as grammar;
-pub use fdm_grammar::effect;
 #[doc(hidden)]
 pub use fdm_grammar::math;
 #[cfg(feature = "report")]
@@ -920,8 +921,9 @@ pub use fdm_discover::Verdict;
 /// let catalogue = Catalogue::standard();
 /// assert!(catalogue.effects().count() > 20);
 /// ```
+#[cfg(feature = "discover")]
 #[doc(inline)]
-pub use fdm_grammar::effect::Catalogue;
+pub use fdm_effects::Catalogue;
 
 // Results, studies, pages.
 

@@ -2,7 +2,7 @@
 #![no_main]
 
 use fdm_grammar::Source;
-use fdm_grammar::effect::Catalogue;
+use fdm_effects::Catalogue;
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|text: &str| {

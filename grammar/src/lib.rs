@@ -7,12 +7,10 @@ pub mod carried;
 pub mod check;
 pub mod derive;
 pub mod diagnostic;
-pub mod effect;
 pub mod emit;
 pub mod expand;
 pub mod explain;
 pub mod external;
-pub mod forced;
 pub mod format;
 pub mod graph;
 pub mod linearise;
@@ -104,7 +102,11 @@ pub fn examine(source: &Source) -> Result<(Model, Vec<Diagnostic>), Vec<Diagnost
     }
 }
 
-fn examine_tree(
+/// A tree of a source's own text to a checked model, its ties open, and its warnings; `findings` is what was wrong with that text.
+///
+/// # Errors
+/// As [`compile`].
+pub fn examine_tree(
     source: &Source,
     tree: syntax::SyntaxTree,
     mut findings: Vec<Diagnostic>,

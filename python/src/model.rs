@@ -182,7 +182,7 @@ impl Model {
         [
             d.inputs.iter().filter(|i| i.is_declared() && !i.known).map(|i| one(&i.quantity)).collect(),
             // a group is a value that is 1 in its runs
-            d.inputs.iter().filter(|i| i.known && !i.quantity.name.contains('=')).map(|i| one(&i.quantity)).collect(),
+            d.inputs.iter().filter(|i| i.known && i.membership.is_none()).map(|i| one(&i.quantity)).collect(),
             d.states.iter().map(|s| one(&s.quantity)).collect(),
             d.outputs.iter().map(|o| one(&o.quantity)).collect(),
         ]

@@ -4,7 +4,7 @@
 use crate::deliver::Wanted;
 use crate::failure::{Ending, Failure, as_json, ended, print, print_answer, print_lines, tell};
 use clap::Args;
-use fdm_grammar::effect::Catalogue;
+use fdm_effects::Catalogue;
 use fdm_grammar::syntax::holds_effects;
 use fdm_grammar::{Diagnostic, Source};
 use fdm_results::documents::CatalogueDocument;

@@ -276,7 +276,6 @@ pub(crate) fn write_all(folder: &Path, files: &[NamedFile]) -> Result<(), Unwrit
 }
 
 /// Refuses a folder that stands there already.
-#[cfg(feature = "petab")]
 pub(crate) fn refuse_standing(folder: &Path) -> Result<(), Failure> {
     match folder.symlink_metadata() {
         Ok(_) => Err(Failure::input([format!("{}: exists already, and is not overwritten", folder.display())])),
@@ -285,7 +284,6 @@ pub(crate) fn refuse_standing(folder: &Path) -> Result<(), Failure> {
 }
 
 /// Makes a new folder with these files, and with those in folders of it: whole, or not at all.
-#[cfg(feature = "petab")]
 pub(crate) fn write_folder(folder: &Path, files: &[NamedFile]) -> Result<(), Unwritten> {
     let made = Destination::prepare(folder).and_then(|place| place.fill(files));
     made.map_err(|e| Unwritten(e.to_string()))

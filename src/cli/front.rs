@@ -2,8 +2,8 @@
 
 use crate::failure::{Failure, OrFailure, remark};
 use fdm_discover::EffectAt;
+use fdm_effects::Catalogue;
 use fdm_estimate::{Changes, FitOptions, fit};
-use fdm_grammar::effect::Catalogue;
 use fdm_results::documents::{DiagnosisDocument, from_text};
 use fdm_results::store::{Contents, DataFile, Manifest, ResultError, ResultFolder, whole_files};
 use fdm_session::campaign::{RecordFile, Role};

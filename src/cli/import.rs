@@ -1,10 +1,7 @@
 //! `fdm import`: a problem of PEtab, or a model of SBML, becomes a folder with a model, records and a project file.
 
-#[cfg(feature = "petab")]
 use crate::deliver::{refuse_standing, write_folder};
-use crate::failure::{Ending, Failure};
-#[cfg(feature = "petab")]
-use crate::failure::{aside, ended, print};
+use crate::failure::{Ending, Failure, aside, ended, print};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -19,14 +16,6 @@ pub(crate) struct Arguments {
     out: PathBuf,
 }
 
-#[cfg(not(feature = "petab"))]
-pub(crate) fn run(arguments: &Arguments) -> Ending {
-    let Arguments { problem, out: _ } = arguments;
-    let what = "this build of fdm reads no problems of PEtab: build it with `--features petab`";
-    Err(Failure::input([format!("{}: {what}", problem.display())]))
-}
-
-#[cfg(feature = "petab")]
 pub(crate) fn run(arguments: &Arguments) -> Ending {
     let folder = &arguments.out;
     refuse_standing(folder)?;

@@ -18,7 +18,10 @@ mod front;
 mod help;
 mod import;
 mod job;
+#[cfg(feature = "lsp")]
 pub mod language_server;
+mod lsp;
+mod manual;
 mod margins;
 mod modes;
 mod new;
@@ -149,15 +152,15 @@ enum Verb {
     /// Explain the code of a message, with an example corrected
     Explain(help::Explain),
     /// Language server for editors (Language Server Protocol)
-    Lsp(language_server::Arguments),
+    Lsp(lsp::Arguments),
     /// Share the work of a command between machines
     Job(job::Arguments),
     /// Simulate and fit the reference systems beside published figures
     Reproduce(reproduce::Arguments),
     /// Print the completion script of a shell
-    Completions(help::Completions),
+    Completions(manual::Completions),
     /// Print the manual, or write one page for every command
-    Man(help::Manual),
+    Man(manual::Manual),
 }
 
 /// All verbs and options, as clap knows them: to check what is quoted elsewhere, or to write a manual.
@@ -254,11 +257,11 @@ pub fn main_with(words: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Fmt(a) => fmt::run(a),
         Verb::Show(a) => show::run(a),
         Verb::Explain(a) => help::explain(a),
-        Verb::Lsp(a) => language_server::run(a),
+        Verb::Lsp(a) => lsp::run(a),
         Verb::Job(a) => job::run(a),
         Verb::Reproduce(a) => reproduce::run(a),
-        Verb::Completions(a) => help::completions(a, self::command()),
-        Verb::Man(a) => help::manual(a, self::command()),
+        Verb::Completions(a) => manual::completions(a, self::command()),
+        Verb::Man(a) => manual::manual(a, self::command()),
     };
     result.unwrap_or_else(|failure| failure::report(&failure))
 }

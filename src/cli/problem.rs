@@ -1,32 +1,16 @@
 //! `fdm export --to petab`: a result and the records that it was made from, as a problem of PEtab.
 
-#[cfg(feature = "petab")]
 use crate::deliver::{refuse_standing, write_folder};
-use crate::failure::{Ending, Failure};
-#[cfg(feature = "petab")]
-use crate::failure::{OrFailure, ended};
-#[cfg(feature = "petab")]
+use crate::failure::{Ending, Failure, OrFailure, ended};
 use fdm_estimate::Noise;
-#[cfg(feature = "petab")]
 use fdm_petab::{Deviation, Record, Unsuited, problem};
-#[cfg(feature = "petab")]
 use fdm_results::documents::FitDocument;
 use fdm_session::load::ModelOrResult;
-#[cfg(feature = "petab")]
 use fdm_session::simulate::fitted_runs;
-#[cfg(feature = "petab")]
 use fdm_system::Model;
-#[cfg(feature = "petab")]
 use fdm_system::record::Run;
 use std::path::Path;
 
-#[cfg(not(feature = "petab"))]
-pub(crate) fn run(_: &ModelOrResult, folder: &Path) -> Ending {
-    let what = "this build of fdm writes no problems of PEtab: build it with `--features petab`";
-    Err(Failure::input([format!("{}: {what}", folder.display())]))
-}
-
-#[cfg(feature = "petab")]
 pub(crate) fn run(subject: &ModelOrResult, folder: &Path) -> Ending {
     refuse_standing(folder)?;
     let (model, result) = subject.load()?;
@@ -62,7 +46,6 @@ pub(crate) fn run(subject: &ModelOrResult, folder: &Path) -> Ending {
 
 /// The noise of every output, by which the result was judged. One that was estimated is the root mean square of the residuals, at which the
 /// likelihood is greatest; the covariance of a result is larger, since it allows for the parameters that were fitted.
-#[cfg(feature = "petab")]
 fn deviations(model: &Model, fit: &FitDocument, noise: &Noise) -> Result<Vec<Deviation>, Failure> {
     let refused = |what: &str| Err(Failure::input([what]));
     if fit.loss.is_some() {

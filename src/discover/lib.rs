@@ -1,6 +1,6 @@
 //! What a fitted model lacks: how large its lack of fit is, which effect of a catalogue explains it, and what the effect gains.
 //!
-//! **In** a model with its text, measured runs, a catalogue of effects ([`fdm_grammar::effect::Catalogue`]). **Out** a [`Diagnosis`]:
+//! **In** a model with its text, measured runs, a catalogue of effects ([`fdm_effects::Catalogue`]). **Out** a [`Diagnosis`]:
 //! the lack of fit of every output, the effects that explain it (or the groups of effects that these data cannot tell apart), where
 //! an unknown disturbance enters, the extended text, and its gain on validation runs. Values are in the model's units, frequencies in
 //! cycles per unit of time, gains in log-likelihood. **Never** reads or writes files, prints, or judges a model by a noise that was

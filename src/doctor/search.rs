@@ -360,27 +360,17 @@ fn round(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> (Vec<Judged
     (all, fits)
 }
 
-/// Delays, offsets, scale factors and drifts of each channel, with their best values; delays by many samples (`far`) alone where no others are wanted.
-fn estimated(
-    search_in: &Search<'_>,
-    slots: &[Slot],
-    accepted: &[Edit],
-    (current, far): (&Trial, &[(Slot, i64)]),
-) -> (Vec<Judged>, usize) {
-    let evidence = search_in.evidence;
-    let channels = evidence.channels;
-    let (records, timed, factor) = (evidence.records, search_in.timed, time_factor(accepted));
-    let intervals: Vec<f64> = records.iter().flat_map(|r| r.time.windows(2).map(|w| factor * (w[1] - w[0]))).collect();
-    let interval = intervals.iter().sum::<f64>() / intervals.len().max(1) as f64;
-    let span = factor * records.iter().filter_map(|r| r.time.last()).copied().fold(0.0, f64::max);
+/// Each fault that is estimated of a channel, with a first step of its size.
+fn wanted(search_in: &Search<'_>, slots: &[Slot], interval: f64, span: f64) -> Vec<(Slot, Fault, f64)> {
+    let (evidence, records) = (search_in.evidence, search_in.evidence.records);
     let mut wanted: Vec<(Slot, Fault, f64)> = Vec::new();
     for slot in slots.iter().copied() {
-        let place = channels.place(slot);
+        let place = evidence.channels.place(slot);
         let deviation = variance(records.iter().flat_map(|r| r.channels[place].values.iter().copied())).sqrt();
         if deviation <= 0.0 || !deviation.is_finite() {
             continue;
         }
-        if timed && interval > 0.0 {
+        if search_in.timed && interval > 0.0 {
             wanted.push((slot, Fault::Delay, 2.0 * interval));
             // what the clock of a channel has gained in the end, in intervals
             wanted.push((slot, Fault::Drift, 4.0 * interval / span));
@@ -394,16 +384,26 @@ fn estimated(
         wanted.push((slot, Fault::Offset, 0.2 * deviation));
         wanted.push((slot, Fault::Scale, 0.1));
     }
+    wanted
+}
+
+/// Delays, offsets, scale factors and drifts of each channel, with their best values; delays by many samples (`far`) alone where no others are wanted.
+fn estimated(
+    search_in: &Search<'_>,
+    slots: &[Slot],
+    accepted: &[Edit],
+    (current, far): (&Trial, &[(Slot, i64)]),
+) -> (Vec<Judged>, usize) {
+    let evidence = search_in.evidence;
+    let channels = evidence.channels;
+    let (records, factor) = (evidence.records, time_factor(accepted));
+    let intervals: Vec<f64> = records.iter().flat_map(|r| r.time.windows(2).map(|w| factor * (w[1] - w[0]))).collect();
+    let interval = intervals.iter().sum::<f64>() / intervals.len().max(1) as f64;
+    let span = factor * records.iter().filter_map(|r| r.time.last()).copied().fold(0.0, f64::max);
+    let mut wanted = wanted(search_in, slots, interval, span);
     if !search_in.options.estimated {
         wanted.retain(|(slot, fault, _)| *fault == Fault::Delay && far.iter().any(|(late, _)| late == slot));
     }
-    let edit = |slot: Slot, fault: Fault, value: f64| match fault {
-        Fault::Delay => Edit::Delay(slot, value),
-        Fault::Drift => Edit::Drift(slot, value),
-        Fault::Filtered => Edit::Filter(slot, value),
-        Fault::Offset => Edit::Affine(slot, 1.0, value),
-        _ => Edit::Affine(slot, value, 0.0),
-    };
     // one estimated number costs half the logarithm of the independent samples (Schwarz 1978)
     let needed = 0.5 * current.worth().max(1.0).ln() + search_in.options.odds.ln();
     let abouts = Abouts::of(evidence, current, accepted);
@@ -455,23 +455,7 @@ fn estimated(
         }
         let unit = channels.unit(slot).map_or_else(String::new, |u| format!(" {u}"));
         let (value, error) = if fault == Fault::Scale { (value.exp(), value.exp() * error) } else { (value, error) };
-        let places = places(value, error);
-        let value: f64 = format!("{value:.places$}").parse().unwrap_or(value);
-        let (size, error) = match error.is_finite() {
-            true => (format!("{:.places$}", value.abs()), format!(" +- {error:.places$}")),
-            false => (format!("{:.places$}", value.abs()), String::new()),
-        };
-        let what = match fault {
-            Fault::Delay => format!("comes {size} too {}{error}", if value > 0.0 { "late" } else { "early" }),
-            Fault::Drift => format!(
-                "its clock {} {size} of every unit of time{error}, {:.4} over the record",
-                if value > 0.0 { "gains" } else { "loses" },
-                value.abs() * span
-            ),
-            Fault::Filtered => format!("went through a filter: a first-order lag of {size}{error}"),
-            Fault::Offset => format!("is {size}{unit} too {}{error}", if value < 0.0 { "large" } else { "small" }),
-            _ => format!("its numbers have to be multiplied by {size}{error}"),
-        };
+        let (value, what) = told(fault, (value, error), &unit, span);
         // drifts and scale factors are rarer than delays and offsets. An input is early where all sensors are late together; one sensor is
         // early only where all others and the inputs are late alike
         let weight = match fault {
@@ -499,6 +483,39 @@ fn estimated(
     }
     // two fits at least for each
     (found, 2 * wanted.len())
+}
+
+/// What mends a fault of this size.
+fn edit(slot: Slot, fault: Fault, value: f64) -> Edit {
+    match fault {
+        Fault::Delay => Edit::Delay(slot, value),
+        Fault::Drift => Edit::Drift(slot, value),
+        Fault::Filtered => Edit::Filter(slot, value),
+        Fault::Offset => Edit::Affine(slot, 1.0, value),
+        _ => Edit::Affine(slot, value, 0.0),
+    }
+}
+
+/// A size as far as its error lets it be told, and the sentence about it.
+fn told(fault: Fault, (value, error): (f64, f64), unit: &str, span: f64) -> (f64, String) {
+    let places = places(value, error);
+    let value: f64 = format!("{value:.places$}").parse().unwrap_or(value);
+    let (size, error) = match error.is_finite() {
+        true => (format!("{:.places$}", value.abs()), format!(" +- {error:.places$}")),
+        false => (format!("{:.places$}", value.abs()), String::new()),
+    };
+    let what = match fault {
+        Fault::Delay => format!("comes {size} too {}{error}", if value > 0.0 { "late" } else { "early" }),
+        Fault::Drift => format!(
+            "its clock {} {size} of every unit of time{error}, {:.4} over the record",
+            if value > 0.0 { "gains" } else { "loses" },
+            value.abs() * span
+        ),
+        Fault::Filtered => format!("went through a filter: a first-order lag of {size}{error}"),
+        Fault::Offset => format!("is {size}{unit} too {}{error}", if value < 0.0 { "large" } else { "small" }),
+        _ => format!("its numbers have to be multiplied by {size}{error}"),
+    };
+    (value, what)
 }
 
 /// Decimal places that leave a fifth of an error, or four digits where there is none.

@@ -1,6 +1,6 @@
 //! Delays that a map leaves free: the model with a param for each, as an effect in its text. What is fitted is what is written.
 
-use fdm_grammar::effect::{Catalogue, Choice, Nominal, Subject};
+use fdm_effects::{Catalogue, Choice, Nominal, Subject};
 use fdm_grammar::{Diagnostic, Source};
 use fdm_readers::{FreeDelay, RecordMap};
 use fdm_system::{Model, ModelError};

@@ -4,7 +4,7 @@ use crate::failure::{Failure, did_you_mean};
 use crate::load::load_model;
 use crate::value::number;
 use clap::Args;
-use fdm_grammar::effect::{Beginning, Catalogue, Choice, Field, Kind, Nominal, Places, Scales, Subject};
+use fdm_effects::{Beginning, Catalogue, Choice, Field, Kind, Nominal, Places, Scales, Subject};
 use fdm_grammar::{Diagnostic, Source};
 use fdm_results::store::read_input_text;
 use fdm_system::record::Run;

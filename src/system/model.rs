@@ -9,7 +9,6 @@ use crate::dynamics::{Dynamics, Layout};
 use crate::record::{ReadOptions, RecordError, Run, RunBuilder, Summary, channels, read as read_record};
 use fdm_grammar::carried::{Carried, CarriedTerm, NotCarried};
 use fdm_grammar::diagnostic::nearest;
-use fdm_grammar::effect::Extension;
 use fdm_grammar::model::{Param, Unshown};
 use fdm_grammar::{Code, Compiled, Diagnostic, Groups, Schedule, Source, Span};
 use std::io::Read;
@@ -144,7 +143,16 @@ impl Model {
     /// # Errors
     /// [`ModelError::Invalid`] with every mistake of the texts.
     pub fn from_source(source: Source) -> Result<Self, ModelError> {
-        match fdm_grammar::compile(&source) {
+        let compiled = fdm_grammar::compile(&source);
+        Self::compiled(source, compiled)
+    }
+
+    /// A source and what the compiler said of it, or of a tree that stands for it.
+    ///
+    /// # Errors
+    /// [`ModelError::Invalid`] with the findings.
+    pub fn compiled(source: Source, compiled: Result<Compiled, Vec<Diagnostic>>) -> Result<Self, ModelError> {
+        match compiled {
             Ok(compiled) => {
                 let dynamics = crate::code::compile(&compiled.schedule, Engine::default()).into();
                 Ok(Self { source, compiled: Arc::new(compiled), dynamics })
@@ -266,22 +274,6 @@ impl Model {
         let dynamics = crate::code::compile(&schedule, engine).into();
         let compiled = Arc::new(Compiled { model: definition, loose: None, schedule, warnings: Vec::new() });
         Self { source: self.source.clone(), compiled, dynamics }
-    }
-
-    /// This model with an effect in it (see [`fdm_grammar::effect`]): the parameters and states of this one keep their
-    /// numbers, the new ones stand behind them; the text is the extended one.
-    ///
-    /// # Errors
-    /// [`ModelError::Invalid`] with places in the extended text, when the effect does not fit.
-    pub fn extended(&self, extension: &Extension) -> Result<Self, ModelError> {
-        let source = extension.source().clone();
-        match extension.compile() {
-            Ok(compiled) => {
-                let dynamics = crate::code::compile(&compiled.schedule, Engine::default()).into();
-                Ok(Self { source, compiled: Arc::new(compiled), dynamics })
-            }
-            Err(diagnostics) => Err(ModelError::Invalid { text: source, diagnostics }),
-        }
     }
 
     /// The model with measured records in the place of the chosen states (by index) on the right sides of its equations

@@ -2,6 +2,7 @@
 
 use crate::case::Case;
 use crate::hidden::INSIDE;
+use fdm::Model;
 use fdm::diagnose::{DiagnosisOptions, diagnose};
 use fdm::effect::{Candidate, Catalogue, Choice, Kind, Subject};
 use fdm::estimate::{FitOptions, Observer, Work, fit};
@@ -71,7 +72,7 @@ fn refitted(case: &Case, runs: &[Run]) -> Vec<Refit> {
 fn refit(case: &Case, runs: &[Run], subject: &Subject, candidate: &Candidate) -> Option<Refit> {
     let extension = candidate.apply(subject, &case.known, &Choice::new()).ok()?;
     let begun = Instant::now();
-    let cost = case.base.extended(&extension).ok().and_then(|model| {
+    let cost = Model::compiled(extension.source().clone(), extension.compile()).ok().and_then(|model| {
         let fitted = fit(&model, runs, &FitOptions::default(), &Work::default()).ok()?;
         fitted.estimate.cost
     });

@@ -79,7 +79,7 @@ impl Look<'_> {
     /// A candidate at its best points; nothing where its direction is quite another.
     fn alike(&self, candidate: &Candidate, known: &Known, subject: &Subject) -> Option<Alike> {
         let extension = candidate.apply(subject, known, &Choice::new()).ok()?;
-        let model = self.base.extended(&extension).ok()?;
+        let model = Model::compiled(extension.source().clone(), extension.compile()).ok()?;
         let mut found: Vec<(f64, Vec<f64>)> = Vec::new();
         for point in points(&extension) {
             let mut theta = model.definition().start();

@@ -1,7 +1,7 @@
-"""Writes the files of src/readers/samples, each by the software of its own ecosystem.
+"""Writes the files of src/doors/readers/samples, each by the software of its own ecosystem.
 
     pip install numpy scipy h5py pyarrow openpyxl
-    python studies/records/make.py src/readers/samples
+    python studies/records/make.py src/doors/readers/samples
 
 Every number is a multiple of 1/128, so that the tests compute the same bits.
 """

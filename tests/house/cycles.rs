@@ -133,12 +133,16 @@ impl Package {
     }
 }
 
+/// The circles of a package that are larger than may be.
+pub(crate) fn large(folder: &Path) -> Vec<Vec<String>> {
+    Package::read(folder).cycles().into_iter().filter(|c| c.len() > MOST).collect()
+}
+
 #[test]
 fn files_do_not_import_each_other_in_large_circles() {
     let mut found = Found::default();
     for (name, folder) in packages() {
-        let large = Package::read(&folder).cycles().into_iter().filter(|c| c.len() > MOST);
-        for (k, files) in large.enumerate() {
+        for (k, files) in large(&folder).into_iter().enumerate() {
             for file in files {
                 found.add(&format!("{name}, cycle {}", k + 1), file);
             }

@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 #![allow(clippy::print_stdout, reason = "figures are to be seen")]
 
+mod budget;
 mod commands;
 mod crates;
 mod cycles;

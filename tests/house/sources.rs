@@ -3,36 +3,51 @@
 use fancy_regex::Regex;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
 use support::{files, repository};
 
 /// Folders of the packages, by name: what a user builds.
 pub(crate) fn packages() -> Vec<(String, PathBuf)> {
-    let root = repository();
-    let below = fs::read_dir(root.join("src")).unwrap().map(|e| e.unwrap().path()).filter(|p| p.is_dir());
-    let mut packages: Vec<(String, PathBuf)> =
-        below.map(|path| (path.file_name().unwrap().to_string_lossy().into_owned(), path)).collect();
-    packages.extend(["grammar", "macros"].map(|name| (name.to_string(), root.join(name).join("src"))));
-    packages.sort();
+    let packages = packages_below(repository());
     assert!(packages.len() > 5, "{packages:?}");
     packages
 }
 
+/// The packages of the project in `root`: the folders below `src`, one deep or two, that have a manifest, and the language.
+pub(crate) fn packages_below(root: &Path) -> Vec<(String, PathBuf)> {
+    let folders = |folder: &Path| -> Vec<PathBuf> {
+        fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).filter(|p| p.is_dir()).collect()
+    };
+    let first = folders(&root.join("src"));
+    let below = first.iter().cloned().chain(first.iter().flat_map(|f| folders(f)));
+    let mut packages: Vec<(String, PathBuf)> = below
+        .filter(|path| path.join("Cargo.toml").is_file())
+        .map(|path| (path.file_name().unwrap().to_string_lossy().into_owned(), path))
+        .collect();
+    packages.extend(["grammar", "macros"].map(|name| (name.to_string(), root.join(name).join("src"))));
+    packages.sort();
+    packages
+}
+
+/// A source without tests and without comments, line for line.
+pub(crate) fn code_of(text: &str) -> String {
+    static TESTS: LazyLock<Regex> = LazyLock::new(|| Regex::new(r"#\[cfg\(test\)\]\s*mod \w+ \{").unwrap());
+    static COMMENT: LazyLock<Regex> = LazyLock::new(|| Regex::new(r"//[^\n]*").unwrap());
+    let code = COMMENT.replace_all(text, "").into_owned();
+    let end = TESTS.find(&code).unwrap().map_or(code.len(), |m| m.start());
+    code[..end].to_string()
+}
+
 /// The sources of a package without tests and without comments, by path below `folder`.
 pub(crate) fn product(folder: &Path) -> Vec<(PathBuf, String)> {
-    let tests = Regex::new(r"#\[cfg\(test\)\]\s*mod \w+ \{").unwrap();
-    let comment = Regex::new(r"//[^\n]*").unwrap();
-    let below = folder.strip_prefix(repository()).unwrap().to_str().unwrap();
     let mut found = Vec::new();
-    for file in files(below, "rs") {
+    for file in files(&folder.to_string_lossy(), "rs") {
         let path = file.strip_prefix(folder).unwrap().to_path_buf();
         let parts = path.iter().map(|part| part.to_string_lossy().trim_end_matches(".rs").to_string());
         if parts.clone().any(|part| part.ends_with("tests") || part == "specimen") {
             continue;
         }
-        let text = fs::read_to_string(&file).unwrap();
-        let code = comment.replace_all(&text, "").into_owned();
-        let end = tests.find(&code).unwrap().map_or(code.len(), |m| m.start());
-        found.push((path, code[..end].to_string()));
+        found.push((path, code_of(&fs::read_to_string(&file).unwrap())));
     }
     found
 }

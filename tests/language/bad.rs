@@ -4,7 +4,7 @@
 //! the comment begins) with kind, code and sentence, below them the hint; dashes under the further places that a
 //! message shows. `FDM_BLESS=1 cargo test --test bad` writes them anew: read the difference before committing it.
 
-use fdm_grammar::effect::Catalogue;
+use fdm_effects::Catalogue;
 use fdm_grammar::{Code, Diagnostic, Source, Span, compile, gather};
 use std::collections::BTreeMap;
 use std::fs;

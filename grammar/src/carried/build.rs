@@ -144,14 +144,7 @@ impl Builder<'_> {
         let input = term.input;
         let name = if term.records.is_empty() { term.text.clone() } else { format!("measured({})", term.text) };
         let quantity = Quantity { name, doc: "nonlinear term, computed from records".into(), unit: None };
-        self.model.inputs.push(Input {
-            quantity,
-            known: false,
-            held: false,
-            measured: None,
-            computed: Some(Computed { graph, expr }),
-            slope: None,
-        });
+        self.model.inputs.push(Input { computed: Some(Computed { graph, expr }), ..Input::new(quantity) });
         self.known.push((moved, input));
         self.terms.push(term);
         input

@@ -1,7 +1,7 @@
 //! Units of what tables and blocks take.
 
 use super::measures::{Measure, Measures, factor_between};
-use super::names::{Scope, Symbol, SymbolId, read_unit};
+use super::scope::{Scope, Symbol, SymbolId, read_unit};
 use super::units::Pass;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::syntax::{Argument, Asked, ExprRef, Want};

@@ -3,8 +3,8 @@
 use super::expressions::{Expressions, Indices};
 use super::functions::Function;
 use super::kinds::Kinds;
-use super::names::{Meaning, Scope, SymbolId};
 use super::order::{Block, Blocks, Owner};
+use super::scope::{Meaning, Scope, SymbolId};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::op::Build;
 use crate::syntax::{Expr, Role};

@@ -2,7 +2,7 @@
 
 use super::expressions::{Expressions, Indices};
 use super::kinds::Kinds;
-use super::names::{Scope, Symbol, SymbolId};
+use super::scope::{Scope, Symbol, SymbolId};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::graph::{Leaf, Node, Signal};
 use crate::source::Span;

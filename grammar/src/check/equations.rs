@@ -1,8 +1,9 @@
 //! Which equation belongs to which state.
 
 use super::functions::Function;
-use super::names::{Scope, Symbol, SymbolId, argument_count};
+use super::functions::argument_count;
 use super::reach::{Reach, each_node};
+use super::scope::{Scope, Symbol, SymbolId};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::syntax::{BinarySign, Expr, ExprRef, Name, Role, StatementKind};
 

@@ -6,8 +6,8 @@
 
 use super::expressions::{Expressions, Indices};
 use super::kinds::Kinds;
-use super::knowledge::{Known, Part};
-use super::names::Scope;
+use super::scope::Scope;
+use super::stated::{Known, Part};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::model::{Model, Reset};
 use crate::op::{Build, ExprId, Op};

@@ -1,7 +1,10 @@
 //! The functions that users can call: those of the operation table and those that stand for several operations.
 
+use crate::diagnostic::{Code, Diagnostic};
 use crate::external;
 use crate::op::{Form, Op, ROWS};
+use crate::source::Span;
+use crate::syntax::Name;
 
 /// A function.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -151,4 +154,16 @@ pub fn function_names() -> impl Iterator<Item = &'static str> {
 pub(super) fn translation(name: &str) -> Option<&'static str> {
     let lower = name.to_lowercase();
     FOREIGN.iter().find(|(n, _)| *n == lower).map(|(_, own)| *own)
+}
+
+/// The complaint about a wrong number of arguments.
+pub(super) fn argument_count(function: Function, name: &Name, given: usize, span: Span) -> Diagnostic {
+    let (least, more) = function.arity();
+    let wanted = match (least, more) {
+        (1, false) => "1 argument".to_string(),
+        (n, false) => format!("{n} arguments"),
+        (n, true) => format!("{n} or more arguments"),
+    };
+    let message = format!("`{}` takes {wanted}, {given} given", name.text);
+    Diagnostic::new(Code::ArgumentCount, span, message).hint(format!("`{}`", function.form(&name.text)))
 }

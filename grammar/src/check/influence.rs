@@ -1,8 +1,8 @@
 //! Declarations that nothing uses, and parameters that no output depends on.
 
 use super::kinds::Kinds;
-use super::names::{Meaning, Scope, SymbolId};
 use super::order::{Blocks, Owner};
+use super::scope::{Meaning, Scope, SymbolId};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::graph::{Leaf, Node, Signal};
 use crate::model::{Model, Origin, Output};

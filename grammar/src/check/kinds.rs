@@ -1,9 +1,9 @@
 //! Numbers and conditions are different things; constants, parameters and what varies come from different places.
 
 use super::functions::Function;
-use super::knowledge::{Known, Part};
-use super::names::{Meaning, Scope};
 use super::order::{Block, Blocks, Owner};
+use super::scope::{Meaning, Scope};
+use super::stated::{Known, Part};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::syntax::{BinarySign, Expr, ExprRef, Role, UnarySign, Value};
 

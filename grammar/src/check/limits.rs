@@ -7,9 +7,9 @@
 
 use super::expressions::{Expressions, Indices};
 use super::kinds::Kinds;
-use super::knowledge::{Known, Part};
-use super::names::{Scope, SymbolId};
+use super::scope::{Scope, SymbolId};
 use super::start;
+use super::stated::{Known, Part};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::graph::{Graph, Leaf, Reference, Signal};
 use crate::model::{Model, Origin, Output, Param, State};

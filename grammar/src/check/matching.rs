@@ -3,16 +3,16 @@
 use std::collections::VecDeque;
 
 /// A largest set of pairs of equation and derivative, each in one pair at most.
-pub(crate) struct Matching {
+pub struct Matching {
     /// By equation: the derivative.
-    pub(crate) of_equation: Vec<Option<usize>>,
+    pub of_equation: Vec<Option<usize>>,
     /// By derivative: the equation.
-    pub(crate) of_rate: Vec<Option<usize>>,
+    pub of_rate: Vec<Option<usize>>,
 }
 
 impl Matching {
     /// `incidence` says by equation which derivatives are in it; `preferred` pairs stay where nothing speaks against them.
-    pub(crate) fn new(incidence: &[Vec<usize>], rates: usize, preferred: &[Option<usize>]) -> Self {
+    pub fn new(incidence: &[Vec<usize>], rates: usize, preferred: &[Option<usize>]) -> Self {
         let mut pairs = Self { of_equation: vec![None; incidence.len()], of_rate: vec![None; rates] };
         for (k, rate) in preferred.iter().enumerate() {
             if let Some(rate) = rate.filter(|r| pairs.of_rate[*r].is_none()) {

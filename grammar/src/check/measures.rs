@@ -1,6 +1,6 @@
 //! The units of expressions and their arithmetic; each unit is stored once and each product computed once.
 
-use super::names::SymbolId;
+use super::scope::SymbolId;
 use crate::unit::Unit;
 use std::collections::HashMap;
 

@@ -23,7 +23,7 @@ mod interpolation;
 mod kinds;
 mod knowledge;
 mod limits;
-pub(crate) mod matching;
+pub mod matching;
 mod measures;
 mod model;
 mod names;
@@ -32,7 +32,9 @@ mod rates;
 mod reach;
 mod records;
 mod remedies;
+mod scope;
 mod start;
+mod stated;
 mod substitution;
 mod tables;
 mod ties;
@@ -44,15 +46,15 @@ mod unsolved;
 mod tests;
 
 pub use functions::{function_form, function_forms, function_names};
-pub use names::reserved;
+pub use scope::reserved;
 
 use crate::diagnostic::{Code, Diagnostic};
 use crate::model::Model;
 use crate::syntax::{Role, SyntaxTree};
 use expressions::{Expressions, Indices};
 use kinds::Kinds;
-use names::Scope;
 use order::Blocks;
+use scope::Scope;
 
 /// Checks a model as written.
 ///

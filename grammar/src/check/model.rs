@@ -5,8 +5,8 @@ use super::expressions::{Expressions, Indices};
 use super::kinds::Kinds;
 use super::knowledge::Knowledge;
 use super::limits;
-use super::names::{Scope, Symbol, SymbolId};
 use super::order::{Block, Blocks, Owner};
+use super::scope::{Scope, Symbol, SymbolId};
 use crate::graph::{Graph, Leaf, Node, Reference, Signal};
 use crate::model::{
     Derived, Input, Model, Origin, Output, Param, Quantity, Slope, State, Table, TableArgument, TableCalls, TableNode,
@@ -140,8 +140,8 @@ pub(super) fn assemble(
         match symbol.role {
             Role::Input | Role::Known => {
                 let known = symbol.role == Role::Known;
-                let held = symbol.declaration.held.is_some();
-                model.inputs.push(Input { quantity, known, held, measured: None, computed: None, slope: None });
+                let (held, membership) = (symbol.declaration.held.is_some(), symbol.declaration.membership.clone());
+                model.inputs.push(Input { known, membership, held, ..Input::new(quantity) });
             }
             Role::State => {
                 let initial = initial(&mut graph, s, symbol);
@@ -250,7 +250,7 @@ fn slope(model: &Model, of: u32, shown: bool) -> Input {
     let where_ = if shown { " at samples" } else { "" };
     let unit = own.unit.as_ref().and_then(|u| u.quotient(&model.time));
     let quantity = Quantity { name: format!("der({}){where_}", own.name), doc: String::new(), unit };
-    Input { quantity, known: false, held: false, measured: None, computed: None, slope: Some(Slope { of, shown }) }
+    Input { slope: Some(Slope { of, shown }), ..Input::new(quantity) }
 }
 
 /// Derivatives of inputs that outputs show are taken at the samples; `first` is the first hidden input for a derivative.

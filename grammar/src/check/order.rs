@@ -1,9 +1,8 @@
 //! The expressions of a model as blocks, in an order in which every name is defined before it is used.
 
 use super::equations::Equation;
-use super::knowledge::Known;
-use super::names::{Meaning, Scope, SymbolId};
-use super::ties::Bond;
+use super::scope::{Meaning, Scope, SymbolId};
+use super::stated::{Bond, Known};
 use crate::diagnostic::{Code, Diagnostic};
 pub(super) use crate::syntax::operands as each_operand;
 use crate::syntax::{ExprRef, Role, Value};

@@ -1,8 +1,8 @@
 //! What names stand for, seen from the text alone: whether a derivative, or a state, is in an expression or in a definition that
 //! it refers to.
 
-use super::names::{Scope, SymbolId};
 use super::order::each_operand;
+use super::scope::{Scope, SymbolId};
 use crate::syntax::{Expr, ExprRef, Role, Value};
 
 /// By symbol, what its definition contains.

@@ -1,6 +1,6 @@
 //! `measured(y)`: the record of an output in the place of what is simulated.
 
-use super::names::{Meaning, Scope, SymbolId};
+use super::scope::{Meaning, Scope, SymbolId};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::model::Model;
 use crate::source::Span;

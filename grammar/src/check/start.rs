@@ -3,8 +3,8 @@
 
 use super::expressions::Expressions;
 use super::kinds::{Kinds, Level};
-use super::knowledge::Known;
-use super::names::Scope;
+use super::scope::Scope;
+use super::stated::Known;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::graph::{Graph, Leaf, Node, Signal, above_calls};
 use crate::op::ExprId;

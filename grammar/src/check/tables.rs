@@ -2,7 +2,7 @@
 
 use super::expressions::Expressions;
 use super::kinds::Kinds;
-use super::names::{Scope, Symbol, SymbolId};
+use super::scope::{Scope, Symbol, SymbolId};
 use crate::diagnostic::{Code, Diagnostic, nearest};
 use crate::graph::Graph;
 use crate::op::ExprId;

@@ -1,25 +1,14 @@
 //! `tie Lq = Mp;`: which params are tied, and whether they may be.
 
 use super::kinds::Kinds;
-use super::knowledge::{Known, Part};
-use super::names::{Scope, SymbolId};
+use super::scope::Scope;
 use super::start;
+use super::stated::{Bond, Known, Part};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::graph::Leaf;
 use crate::model::{Model, Tie};
 use crate::source::Span;
-use crate::syntax::{ExprRef, Name, Role, StatementKind};
-
-/// A tie of the text.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Bond {
-    /// The param that follows.
-    pub(super) symbol: SymbolId,
-    /// Where its name stands.
-    subject: Span,
-    /// What it follows.
-    pub(super) root: ExprRef,
-}
+use crate::syntax::{Name, Role, StatementKind};
 
 /// Reads all ties; a param has one at most.
 pub(super) fn read(scope: &Scope<'_>, findings: &mut Vec<Diagnostic>) -> Vec<Bond> {

@@ -1,7 +1,7 @@
 //! Equations and outputs whose units cannot be checked: told once for each name that lacks a unit.
 
 use super::measures::Measure;
-use super::names::{Scope, SymbolId};
+use super::scope::{Scope, SymbolId};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::source::Span;
 

@@ -157,7 +157,7 @@ pub fn differentiate_within(model: &mut Model, most: usize) -> Result<Derivative
 
 /// The derivatives of expressions by the leaves that `wanted` accepts: for each leaf (root, derivative), structural zeros
 /// left out; new nodes join the graph.
-pub(crate) fn tangents(
+pub fn tangents(
     graph: &mut Graph,
     roots: &[ExprId],
     wanted: impl Fn(Leaf) -> bool,

@@ -2,10 +2,12 @@
 //! `let k = (aircraft=A)*k[A] + (aircraft=B)*k[B]`, where `known aircraft=A` is 1 in the runs of its group and 0 in the others.
 
 use crate::source::{Groups, Span};
-use crate::syntax::{BinarySign, Declaration, Expr, ExprRef, Name, Role, Statement, StatementKind, SyntaxTree, Value};
+use crate::syntax::{
+    BinarySign, Declaration, Expr, ExprRef, Membership, Name, Role, Statement, StatementKind, SyntaxTree, Value,
+};
 
 /// What the value that says whether a run belongs to a group is called.
-pub fn membership(grouping: &str, group: &str) -> String {
+fn membership(grouping: &str, group: &str) -> String {
     format!("{grouping}={group}")
 }
 
@@ -51,7 +53,10 @@ pub(crate) fn write_out(mut tree: SyntaxTree, groups: &Groups) -> SyntaxTree {
     }
     for grouping in used {
         let span = tree.name.span;
-        let one = |group: &String| Declaration::new(Name { text: membership(grouping, group), span }, span);
+        let one = |group: &String| Declaration {
+            membership: Some(Membership { grouping: grouping.clone(), group: group.clone() }),
+            ..Declaration::new(Name { text: membership(grouping, group), span }, span)
+        };
         let list = groups[grouping].iter().map(one).collect();
         statements.push(Statement { kind: StatementKind::Declare(Role::Known, list), span });
     }

@@ -23,8 +23,8 @@ pub use arrays::{MOST_ELEMENTS, MOST_INVERTED};
 pub use budget::MOST_NODES;
 pub use elements::Elements;
 pub use files::{MOST_FILES, gather, gather_kept, is_unit};
+pub use groups::of_group;
 pub(crate) use groups::write_out;
-pub use groups::{membership, of_group};
 pub use library::library;
 pub use submodels::MOST_LEVELS;
 

@@ -28,15 +28,7 @@ impl Model {
         let (m, p) = (self.inputs.len() as u32, self.params.len() as u32);
         let named = |name: String| Quantity { name, doc: String::new(), unit: None };
         for signal in 0..signals {
-            let quantity = named(format!("force {signal}"));
-            model.inputs.push(Input {
-                quantity,
-                known: false,
-                held: false,
-                measured: None,
-                computed: None,
-                slope: None,
-            });
+            model.inputs.push(Input::new(named(format!("force {signal}"))));
         }
         for place in 0..entries.len() {
             model.params.extend(

@@ -10,6 +10,7 @@ mod substitution;
 mod tests;
 mod ties;
 
+pub use crate::syntax::Membership;
 pub use forces::Entry;
 pub use substitution::Unshown;
 pub use ties::Tie;
@@ -40,6 +41,8 @@ pub struct Input {
     /// Declared with `known`: a value that each run brings, the same in all samples; expressions hold it as a parameter
     /// ([`Origin::FirstSample`]).
     pub known: bool,
+    /// Of a value that runs bring: the group that it stands for.
+    pub membership: Option<Membership>,
     /// Declared `held`: it keeps its value until the next sample (zero-order hold). Whether others do is said with their records.
     pub held: bool,
     /// Made from `measured(.)` or by [`Model::substituted`]: a hidden input, filled from the record of this output. `None`
@@ -52,6 +55,11 @@ pub struct Input {
 }
 
 impl Input {
+    /// An input of which nothing else is said.
+    pub fn new(quantity: Quantity) -> Self {
+        Self { quantity, known: false, membership: None, held: false, measured: None, computed: None, slope: None }
+    }
+
     /// Whether it was declared, so that a record has a column of it; hidden inputs follow from other columns.
     pub fn is_declared(&self) -> bool {
         self.measured.is_none() && self.computed.is_none() && self.slope.is_none()

@@ -114,7 +114,7 @@ impl Input {
     /// The hidden input that is the record of an output of this name, doc and unit.
     pub(crate) fn measured(output: u32, of: &Quantity) -> Self {
         let quantity = Quantity { name: format!("measured({})", of.name), ..of.clone() };
-        Self { quantity, known: false, held: false, measured: Some(output), computed: None, slope: None }
+        Self { measured: Some(output), ..Self::new(quantity) }
     }
 }
 

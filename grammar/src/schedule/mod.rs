@@ -51,7 +51,7 @@ impl Schedule {
     /// Differentiates the model and orders everything; derivative nodes join the model's graph.
     pub fn new(model: &mut Model) -> Self {
         let d = differentiate(model);
-        Self::ordered(model, &d)
+        Self::of(model, &d)
     }
 
     /// Differentiates the model and orders everything, as long as the graph of the derivatives does not have more nodes
@@ -61,15 +61,11 @@ impl Schedule {
     /// [`Swollen`].
     pub fn within(model: &mut Model, most: usize) -> Result<Self, Swollen> {
         let d = differentiate_within(model, most)?;
-        Ok(Self::ordered(model, &d))
+        Ok(Self::of(model, &d))
     }
 
     /// The programs of a model with these derivatives, which may be those of parameters that stand in none of its equations.
-    pub(crate) fn of(model: &Model, d: &Derivatives) -> Self {
-        Self::ordered(model, d)
-    }
-
-    fn ordered(model: &Model, d: &Derivatives) -> Self {
+    pub fn of(model: &Model, d: &Derivatives) -> Self {
         let rates: Vec<ExprId> = model.states.iter().map(|s| s.rate).collect();
         let outputs: Vec<ExprId> = model.outputs.iter().map(|o| o.expr).collect();
         let with = |head: &[ExprId], jacobians: [&Jacobian; 3]| {

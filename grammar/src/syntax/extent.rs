@@ -4,7 +4,7 @@ use super::scan::{Kind, scan};
 use crate::source::Span;
 
 /// From behind the `=` of a value to its last bracket; `value` is the place of its expression inside the statement.
-pub(crate) fn value_extent(text: &str, statement: Span, value: Span) -> Span {
+pub fn value_extent(text: &str, statement: Span, value: Span) -> Span {
     let offset = statement.start as usize;
     let Some(Ok(tokens)) = text.get(statement.range()).map(|t| scan(t, usize::MAX)) else { return value };
     let (start, end) = (value.start as usize - offset, value.end as usize - offset);

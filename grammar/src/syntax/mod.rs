@@ -26,7 +26,7 @@ mod words;
 
 pub use catalogue::parse_effects;
 pub use effects::*;
-pub(crate) use extent::value_extent;
+pub use extent::value_extent;
 pub use mathml::{Typesetter, typeset_name};
 pub use print::Printer;
 pub use print_effect::print_effect;

@@ -263,6 +263,8 @@ pub struct Declaration {
     pub held: Option<Span>,
     /// Said of what no user wrote: a state or a `let` of a block.
     pub made: Option<Made>,
+    /// Said of a value that no user wrote: whether a run belongs to a group.
+    pub membership: Option<Membership>,
     /// The whole declaration.
     pub span: Span,
 }
@@ -284,9 +286,19 @@ impl Declaration {
             log: None,
             held: None,
             made: None,
+            membership: None,
             span,
         }
     }
+}
+
+/// A group of runs: a value that stands for it is 1 in its runs and 0 in the others.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Membership {
+    /// What the groups are called together, `aircraft`.
+    pub grouping: String,
+    /// The group, `A`.
+    pub group: String,
 }
 
 /// `wrap 360`, `wrap 2*pi`: values that differ by a multiple of the period are the same.

@@ -1,6 +1,6 @@
 //! An open text, what is known of it, and its places as editors count them: lines from 0, columns in UTF-16 units.
 
-use fdm_grammar::effect::Catalogue;
+use fdm_effects::Catalogue;
 use fdm_grammar::syntax::{self, Declaration, Role, StatementKind, SyntaxTree, Table, Token, TokenKind, Use};
 use fdm_grammar::{Diagnostic, Model, Source, Span};
 use lsp_types::{Position, Range, TextDocumentContentChangeEvent};

@@ -11,8 +11,6 @@ mod hover;
 mod names;
 mod streams;
 
-use crate::failure::{Ending, OrFailure, ended};
-use clap::Args;
 use document::Document;
 use fdm_grammar::format;
 use lsp_server::{Connection, ErrorCode, Message, Notification, Request, Response};
@@ -26,18 +24,6 @@ use lsp_types::request::{
 use lsp_types::*;
 use serde_json::Value;
 use std::collections::BTreeMap;
-
-/// What `fdm lsp` takes: what editors pass to every server, which changes nothing.
-#[derive(Debug, Args)]
-pub(crate) struct Arguments {
-    /// Speak over standard input and output, which it always does
-    #[arg(long, hide = true)]
-    stdio: bool,
-}
-
-pub(crate) fn run(_: &Arguments) -> Ending {
-    ended(serve_standard_streams().or_failure()?)
-}
 
 /// Why the server could not go on.
 #[derive(Debug, thiserror::Error)]

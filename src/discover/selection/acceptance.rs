@@ -10,8 +10,8 @@ use super::free_motion::repeated;
 use super::projection::cosine;
 use crate::diagnosis::{Alternative, Cause, EffectAt, NewValue, Rejected};
 use crate::disturbance::BELIEVED;
+use fdm_effects::NewParam;
 use fdm_estimate::ParameterEstimate;
-use fdm_grammar::effect::NewParam;
 use fdm_grammar::syntax::Class;
 
 /// Least score of an effect that is named.

@@ -1,5 +1,6 @@
 //! An effect fitted jointly with the model: from where such a fit begins, and what it comes to.
 
+use super::directions::CandidateDirections;
 use super::extended_model::new_values;
 use super::fitted_model::shared_from;
 use super::fitting::{FitProblem, Fitting};
@@ -8,7 +9,7 @@ use super::predictor::{Predictor, tolerance};
 use super::projection::{Projected, Projection};
 use super::whitening::CommonNoise;
 use crate::screening::Shape;
-use fdm_grammar::effect::Kind;
+use fdm_effects::Kind;
 use fdm_grammar::syntax::Class;
 use fdm_system::model::Model;
 use fdm_system::simulate::{StepOptions, choose_steps, integration_error};
@@ -242,62 +243,12 @@ impl ForwardStep<'_> {
         };
         let mut prepared = posed.prepared()?;
         let mut looks: Vec<Look> = Vec::new();
-        let mut look = |point: (usize, bool), starts: Vec<Vec<f64>>| {
-            let cost = prepared.look(&starts);
-            looks.extend(cost.map(|cost| Look { cost, point, starts }));
-            cost.unwrap_or(f64::INFINITY)
-        };
         for (k, prediction) in predictions.iter().enumerate() {
-            let point = &trace.points[prediction.point];
-            let values = point.at(prediction.amount, attached.params());
-            // with what the fitted parameters had made up for, and without: a large effect is not linear
-            let mut least = f64::INFINITY;
-            for share in [prediction.amount, 0.0] {
-                let starts = self.starts(attached, base, &values, (&prediction.added.compensation, share));
-                least = least.min(look((k, false), starts));
-            }
-            // a derivative that says so much is believed less far: a model without the effect is never better than the best with it
-            let mut amount = prediction.amount;
-            for _ in 0..if point.is_linear() && least >= base.cost { NEARER } else { 0 } {
-                amount *= PART;
-                let values = point.at(amount, attached.params());
-                let starts = self.starts(attached, base, &values, (&prediction.added.compensation, amount));
-                if look((k, false), starts) < base.cost {
-                    break;
-                }
-            }
-            // where it was simulated: a finite effect is not proportional, and less of a limit is not a limit that is further away
-            if !point.is_linear() {
-                for share in [1.0, 0.0] {
-                    let starts = self.starts(attached, base, &point.values, (&prediction.added.compensation, share));
-                    least = least.min(look((k, false), starts));
-                }
-            }
-            // a limit that cuts so much is worse than none, and one that is nowhere reached has no derivative: between them is one that
-            // cuts less
-            if k == 0 && !point.is_linear() {
-                let at = |values: &[f64]| self.starts(attached, base, values, (&prediction.added.compensation, 0.0));
-                let (mut acts, mut rests) = (point.values.clone(), point.at(0.0, attached.params()));
-                let nothing = look((k, false), at(&rests));
-                let gain = EQUAL * nothing.abs();
-                for _ in 0..if least < nothing - gain { 0 } else { HALVED } {
-                    let middle: Vec<f64> = acts.iter().zip(&rests).map(|(a, b)| 0.5 * (a + b)).collect();
-                    let cost = look((k, false), at(&middle));
-                    if cost < nothing - gain {
-                        break;
-                    }
-                    if (cost - nothing).abs() <= gain {
-                        rests = middle;
-                    } else {
-                        acts = middle;
-                    }
-                }
-            }
-            // hardly there: no worse than the base model
-            if point.shape == Shape::Smallest {
-                let values = point.at(FAINT, attached.params());
-                look((k, true), self.starts(attached, base, &values, (&prediction.added.compensation, 0.0)));
-            }
+            self.look_around(trace, (prediction, k == 0), base, &mut |faint, starts| {
+                let cost = prepared.look(&starts);
+                looks.extend(cost.map(|cost| Look { cost, point: (k, faint), starts }));
+                cost.unwrap_or(f64::INFINITY)
+            });
         }
         looks.sort_by(|a, b| a.cost.total_cmp(&b.cost));
         let mut begun: Vec<(usize, bool)> = Vec::new();
@@ -340,6 +291,68 @@ impl ForwardStep<'_> {
             ),
             others,
         })
+    }
+
+    /// Looks at the starts that a prediction says, and at those beside it; `look` takes whether the effect is hardly there and a start, and
+    /// gives the cost.
+    fn look_around(
+        &self,
+        trace: &CandidateDirections,
+        (prediction, best): (&Prediction, bool),
+        base: &Fitting,
+        look: &mut dyn FnMut(bool, Vec<Vec<f64>>) -> f64,
+    ) {
+        let attached = &trace.attached;
+        let point = &trace.points[prediction.point];
+        let values = point.at(prediction.amount, attached.params());
+        // with what the fitted parameters had made up for, and without: a large effect is not linear
+        let mut least = f64::INFINITY;
+        for share in [prediction.amount, 0.0] {
+            let starts = self.starts(attached, base, &values, (&prediction.added.compensation, share));
+            least = least.min(look(false, starts));
+        }
+        // a derivative that says so much is believed less far: a model without the effect is never better than the best with it
+        let mut amount = prediction.amount;
+        for _ in 0..if point.is_linear() && least >= base.cost { NEARER } else { 0 } {
+            amount *= PART;
+            let values = point.at(amount, attached.params());
+            let starts = self.starts(attached, base, &values, (&prediction.added.compensation, amount));
+            if look(false, starts) < base.cost {
+                break;
+            }
+        }
+        // where it was simulated: a finite effect is not proportional, and less of a limit is not a limit that is further away
+        if !point.is_linear() {
+            for share in [1.0, 0.0] {
+                let starts = self.starts(attached, base, &point.values, (&prediction.added.compensation, share));
+                least = least.min(look(false, starts));
+            }
+        }
+        // a limit that cuts so much is worse than none, and one that is nowhere reached has no derivative: between them is one that
+        // cuts less
+        if best && !point.is_linear() {
+            let at = |values: &[f64]| self.starts(attached, base, values, (&prediction.added.compensation, 0.0));
+            let (mut acts, mut rests) = (point.values.clone(), point.at(0.0, attached.params()));
+            let nothing = look(false, at(&rests));
+            let gain = EQUAL * nothing.abs();
+            for _ in 0..if least < nothing - gain { 0 } else { HALVED } {
+                let middle: Vec<f64> = acts.iter().zip(&rests).map(|(a, b)| 0.5 * (a + b)).collect();
+                let cost = look(false, at(&middle));
+                if cost < nothing - gain {
+                    break;
+                }
+                if (cost - nothing).abs() <= gain {
+                    rests = middle;
+                } else {
+                    acts = middle;
+                }
+            }
+        }
+        // hardly there: no worse than the base model
+        if point.shape == Shape::Smallest {
+            let values = point.at(FAINT, attached.params());
+            look(true, self.starts(attached, base, &values, (&prediction.added.compensation, 0.0)));
+        }
     }
 
     /// Ways for the fits of a candidate: those of its directions, where noise hides their error as fits begin; made finer otherwise, unless

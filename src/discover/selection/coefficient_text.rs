@@ -3,7 +3,7 @@
 //! `param CLa = 5;` becomes `let CLa = CLa_curve(alpha);` with a smooth table behind it: whatever stood before stays as it was written.
 
 use super::law_curve::{digits_of_axis, number, with_text};
-use fdm_grammar::effect::Subject;
+use fdm_effects::Subject;
 use fdm_grammar::syntax::{BinarySign, Declaration, Expr, ExprRef, Role, StatementKind, SyntaxTree, Value, parse};
 use fdm_grammar::{Source, Span};
 use std::collections::BTreeSet;

@@ -12,9 +12,9 @@ use super::predictor::Predictor;
 use super::runs::{Domain, Runs};
 use crate::bins::{MeasuredRows, Signals};
 use crate::screening::Shape;
+use fdm_effects::{Candidate, Choice, Kind, NewParam};
 use fdm_estimate::{BinResponse, Response, SpectralBins, SpectralOptions};
 use fdm_grammar::Schedule;
-use fdm_grammar::effect::{Candidate, Choice, Kind, NewParam};
 use fdm_grammar::graph::Leaf;
 use fdm_system::code::{Engine, compile};
 use fdm_system::dynamics::Dynamics;
@@ -510,7 +510,7 @@ mod tests {
     use super::super::extended_model::SignalScales;
     use super::super::runs::Domain;
     use super::*;
-    use fdm_grammar::effect::{Catalogue, Kind};
+    use fdm_effects::{Catalogue, Kind};
     use fdm_system::model::Model;
     use fdm_system::record::Run;
 

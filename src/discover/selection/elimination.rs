@@ -18,7 +18,7 @@ use super::runs::Runs;
 use super::whitening::CommonNoise;
 use crate::diagnosis::{Alternative, Cause, EffectAt, Rejected};
 use crate::disturbance::BELIEVED;
-use fdm_grammar::effect::{Candidate, Choice, NewParam};
+use fdm_effects::{Candidate, Choice, NewParam};
 use fdm_system::model::Model;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -138,7 +138,7 @@ pub(super) fn rebuilt(
         let current = at.as_ref().unwrap_or(first);
         let scales = SignalScales::new(current, runs);
         let text = AttachedEffect::new(candidate, current, &scales, choice).map_err(DiagnosisError::NoFit)?;
-        let model: Model = grown(&current.model, &text, current)?;
+        let model: Model = grown(&text, current)?;
         let names: Vec<(String, f64)> =
             model.definition().params.iter().map(|p| (p.quantity.name.clone(), p.value)).collect();
         let own = |name: &String| text.params().iter().any(|p| p.name == *name && p.begins_as.is_none());

@@ -7,8 +7,8 @@ use super::fitted_model::FittedModel;
 use super::predictor::Predictor;
 use super::runs::{Runs, interval, is_even};
 use crate::diagnosis::EffectAt;
-use fdm_grammar::effect::{Beginning, Candidate, Choice, Extension, NewParam, Scales};
-use fdm_grammar::forced::Role;
+use fdm_effects::forced::Role;
+use fdm_effects::{Beginning, Candidate, Choice, Extension, NewParam, Scales};
 use fdm_grammar::graph::Leaf;
 use fdm_grammar::model::{Output, Param};
 use fdm_grammar::{Model as Definition, Schedule};
@@ -310,8 +310,8 @@ pub(super) fn place(candidate: &Candidate) -> EffectAt {
 }
 
 /// The model at its fit with an effect in its text.
-pub(super) fn grown(model: &Model, text: &AttachedEffect, current: &FittedModel) -> Result<Model, DiagnosisError> {
-    let extended = model.extended(&text.extension)?;
+pub(super) fn grown(text: &AttachedEffect, current: &FittedModel) -> Result<Model, DiagnosisError> {
+    let extended = Model::compiled(text.extension.source().clone(), text.extension.compile())?;
     let params = text.fitted_params(current);
     let same = params.len() == extended.definition().params.len();
     Ok(if same { extended.with_params(params) } else { extended })

@@ -13,7 +13,7 @@ use crate::noise::LogSpectrum;
 use crate::screening::{
     Direction, Screening, ScreeningError, ScreeningOptions, screen, screen_bins, spectra, spectra_of_bins,
 };
-use fdm_grammar::effect::Subject;
+use fdm_effects::Subject;
 use fdm_grammar::model::Param;
 use fdm_system::model::Model;
 use fdm_system::record::Run;

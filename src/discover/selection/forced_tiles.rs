@@ -1,7 +1,7 @@
 //! Directions of many candidates at once: smooth effects are columns of one program.
 //!
 //! What a smooth effect adds is, to first order, the response of the base model's tangent to the derivative of its equations by the effect's
-//! parameter. So tiles of such columns are simulated together ([`fdm_grammar::forced`]): the base model is integrated once for each tile,
+//! parameter. So tiles of such columns are simulated together ([`fdm_effects::forced`]): the base model is integrated once for each tile,
 //! not once for each candidate and value. A candidate that cannot stand in a tile is simulated by itself (`directions`): one with finite
 //! values, with delays, of stiff models, or whose tile diverges.
 
@@ -14,9 +14,9 @@ use super::fitted_model::FittedModel;
 use super::predictor::Predictor;
 use super::runs::{Domain, Runs};
 use crate::bins::{MeasuredRows, Signals};
+use fdm_effects::Candidate;
+use fdm_effects::forced::Forced;
 use fdm_estimate::Work;
-use fdm_grammar::effect::Candidate;
-use fdm_grammar::forced::Forced;
 use fdm_grammar::graph::Signal;
 use fdm_grammar::schedule::Affine;
 use fdm_system::code::{Engine, compile};
@@ -325,7 +325,7 @@ fn units<'a>(candidate: usize, (attached, points): &'a Attached) -> Vec<Unit<'a>
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use fdm_grammar::effect::{Catalogue, Kind};
+    use fdm_effects::{Catalogue, Kind};
     use fdm_system::model::Model;
 
     const LINEAR: &str = "model m { input u; state x, z = free; param a = -1, b = 2, c = 0.4;

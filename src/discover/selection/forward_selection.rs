@@ -1,34 +1,25 @@
 //! Forward selection of effects, from the base model to a diagnosis.
 
 use super::acceptance::{cause, has_the_other_sign, objection, rejected, separating};
-use super::all_samples::AllSamples;
-use super::assessment::{ResidualRecords, against, beyond_noise, biased, output_gains, overlays, run_gains};
 use super::candidate_model::CandidateModel;
-use super::coefficient_table::TableModel;
 use super::comparison::Comparison;
-use super::elimination::{Accepted, eliminate, one_law, revise};
+use super::elimination::{Accepted, eliminate, revise};
 use super::error::DiagnosisError;
 use super::extended_model::{SignalScales, place, written};
-use super::feedback::feedback;
-use super::fitted_model::{FittedModel, SplitFit, shared_from, split_fit};
+use super::fitted_model::{FittedModel, shared_from};
 use super::forward_step::ForwardStep;
-use super::front::{FrontProblem, SearchPath};
 use super::initial_fit::initial_fits;
-use super::law_curve::{LawModel, law_model};
 use super::look_ahead::{Acceptable, NextStep};
-use super::predictor::responses;
 use super::runs::{DiagnosisOptions, Domain, Runs, apart, prepared, thinned};
 use super::significance::confirmed;
 use super::whitening::CommonNoise;
-use super::written_model::WrittenModel;
-use crate::diagnosis::{Cause, Diagnosis, EffectAt, FrontModel, LeftOut, Rejected, SelectionStep, Verdict};
-use crate::disturbance::{Attribution, BELIEVED, NonlinearityCurve, Origin, ResidualEvidence};
+use crate::diagnosis::{Diagnosis, EffectAt, LeftOut, Rejected, SelectionStep, Verdict};
+use crate::disturbance::BELIEVED;
+use fdm_effects::{Candidate, Catalogue, Choice, Subject};
 use fdm_estimate::{Work, changed};
-use fdm_grammar::effect::{Candidate, Catalogue, Choice, Subject};
 use fdm_grammar::syntax::Class;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
-use rayon::prelude::*;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
@@ -46,9 +37,6 @@ const ASIDE: f64 = 0.5;
 const MOST_MOVES: usize = 3;
 /// So many of them where nothing can be accepted.
 const ASKED: usize = 8;
-
-/// Part of the chance at which an effect is accepted, below which something is missing although no effect is.
-const UNNAMED: f64 = 1.0 / 3.0;
 
 /// Finds what is missing from a model: fits it as it stands, screens every effect of the catalogue at every place, fits the best,
 /// and accepts what holds; again, until nothing more is justified.
@@ -120,10 +108,10 @@ fn is_still(run: &Run, q: usize) -> bool {
 
 /// What all searches of a diagnosis have in common.
 #[derive(Clone, Copy)]
-struct Shared<'a> {
+pub(super) struct Shared<'a> {
     runs: Runs<'a>,
     /// All samples, where `runs` are a part of them.
-    whole: Option<Runs<'a>>,
+    pub(super) whole: Option<Runs<'a>>,
     catalogue: &'a Catalogue,
     options: &'a DiagnosisOptions,
     work: &'a Work<'a>,
@@ -132,25 +120,25 @@ struct Shared<'a> {
 }
 
 pub(super) struct ForwardSelection<'a> {
-    shared: Shared<'a>,
+    pub(super) shared: Shared<'a>,
     pub(super) runs: Runs<'a>,
     pub(super) options: &'a DiagnosisOptions,
     pub(super) work: &'a Work<'a>,
     /// The only class of effects that is searched; all where there is none.
     classes: Option<Class>,
     pub(super) accepted: Vec<Accepted>,
-    rejected: Vec<Rejected>,
-    steps: Vec<SelectionStep>,
+    pub(super) rejected: Vec<Rejected>,
+    pub(super) steps: Vec<SelectionStep>,
     /// Other models that might have been taken.
-    aside: Vec<Aside>,
+    pub(super) aside: Vec<Aside>,
     /// Where a search among mechanisms would go on: at the first effect that is none.
     fork: Option<Box<Fork<'a>>>,
 }
 
 /// A model that might have been taken in a step, as good as the one that was or nearly.
-struct Aside {
-    accepted: Vec<Accepted>,
-    current: Arc<FittedModel>,
+pub(super) struct Aside {
+    pub(super) accepted: Vec<Accepted>,
+    pub(super) current: Arc<FittedModel>,
 }
 
 /// A search, and the model that it has come to.
@@ -160,43 +148,26 @@ struct Fork<'a> {
 }
 
 /// Where a search has got to.
-struct Reached {
-    first: Arc<FittedModel>,
-    current: Arc<FittedModel>,
-    end: End,
-}
-
-/// A table of a coefficient for the front.
-struct Proposed {
-    table: TableModel,
-    model: FrontModel,
-    /// Whether it stands in the recommended model beside its effects, and not in the model as it was given.
-    beside: bool,
-}
-
-/// What is recommended when coefficients are tried as tables.
-struct Rival<'a> {
-    written: &'a WrittenModel,
-    /// What it was fitted from.
-    current: &'a FittedModel,
-    /// Gains on all runs of what is written, less the penalties of its effects; less than anything where it has none.
-    score: f64,
+pub(super) struct Reached {
+    pub(super) first: Arc<FittedModel>,
+    pub(super) current: Arc<FittedModel>,
+    pub(super) end: End,
 }
 
 /// What is known when the search ends.
 #[derive(Clone)]
-struct End {
-    family_wise: f64,
-    left_out: Vec<LeftOut>,
-    detectable: Vec<crate::diagnosis::Detectable>,
-    noise: CommonNoise,
-    knots: Vec<usize>,
-    ended: String,
-    stopped: bool,
+pub(super) struct End {
+    pub(super) family_wise: f64,
+    pub(super) left_out: Vec<LeftOut>,
+    pub(super) detectable: Vec<crate::diagnosis::Detectable>,
+    pub(super) noise: CommonNoise,
+    pub(super) knots: Vec<usize>,
+    pub(super) ended: String,
+    pub(super) stopped: bool,
 }
 
 impl End {
-    fn stop(&mut self) {
+    pub(super) fn stop(&mut self) {
         self.ended = "it was stopped".into();
         self.stopped = true;
     }
@@ -279,27 +250,18 @@ impl<'a> ForwardSelection<'a> {
                 (step, _) => step?,
             };
             let asked = step.screening.family_wise < self.options.alpha || step.is_doubtful();
-            let comparison = match asked {
-                true => {
-                    match self.comparison(&mut step) {
-                        // what screening tells is a result
-                        Err(DiagnosisError::Stopped) => {
-                            let p = step.screening.family_wise;
-                            if end.is_none() {
-                                self.steps.push(SelectionStep {
-                                    family_wise_p: p,
-                                    ranking: step.ranking(),
-                                    accepted: None,
-                                });
-                                self.known(&mut end, &mut step, p);
-                            }
-                            end.iter_mut().for_each(End::stop);
-                            break;
-                        }
-                        comparison => Some(comparison?),
+            let comparison = match asked.then(|| self.comparison(&mut step)) {
+                // what screening tells is a result
+                Some(Err(DiagnosisError::Stopped)) => {
+                    let p = step.screening.family_wise;
+                    if end.is_none() {
+                        self.steps.push(SelectionStep { family_wise_p: p, ranking: step.ranking(), accepted: None });
+                        self.known(&mut end, &mut step, p);
                     }
+                    end.iter_mut().for_each(End::stop);
+                    break;
                 }
-                false => None,
+                comparison => comparison.transpose()?,
             };
             if moves < MOST_MOVES
                 && let Some(next) = comparison.as_ref().and_then(|c| self.elsewhere(&current, c))
@@ -541,372 +503,6 @@ impl<'a> ForwardSelection<'a> {
         search.accepted.iter_mut().for_each(|a| a.near.retain(mechanism));
         Ok(Fork { search, current })
     }
-
-    /// The last fits by one noise, and everything that is told of them; also of another search that began where this one did.
-    fn conclude(
-        mut self,
-        reached: Reached,
-        other: Option<(ForwardSelection<'a>, Reached)>,
-    ) -> Result<Diagnosis, DiagnosisError> {
-        let Reached { first, current: grown, mut end } = reached;
-        let (mut other, reached) = other.unzip();
-        let split = |current: &Arc<FittedModel>, noise: &CommonNoise| split_fit(current, self.runs, noise);
-        if let (Some(search), Some(reached)) = (&other, &reached) {
-            // all by the noise of the likelier model, by both noises
-            let total = |current: &Arc<FittedModel>, accepted: &[Accepted]| -> f64 {
-                let by = |noise: &CommonNoise| split(current, noise).map_or(f64::INFINITY, |fit| fit.cost());
-                by(&end.noise) + by(&reached.end.noise) + 2.0 * accepted.iter().map(Accepted::penalty).sum::<f64>()
-            };
-            if total(&reached.current, &search.accepted) < total(&grown, &self.accepted) {
-                end.noise = reached.end.noise.clone();
-            }
-        }
-        let noise = &end.noise.clone();
-        let (first, before) = (&*first, split(&first, noise)?);
-        let (runs, options, work) = (self.runs, self.options, self.work);
-        let all = self.shared.whole.and_then(|whole| {
-            self.work.stage("fitting the model as it was given to all samples");
-            AllSamples::new(first, whole, (options, work))
-        });
-        let problem = FrontProblem { first, runs, noise, options, work, all };
-        let (mut last, mut after, mut written, mut front, mut confirmed) =
-            (None, before.clone(), None, Vec::new(), false);
-        // the written model over all samples, where the search compares a part of them
-        let mut over_all: Option<WrittenModel> = None;
-        let fitted_to_all = |written: &WrittenModel| problem.all.as_ref().and_then(|all| all.fitted_to(written).ok());
-        if !self.accepted.is_empty() || !self.aside.is_empty() {
-            self.work.stage("fitting the written models plainly");
-            let path =
-                |accepted: &mut Vec<Accepted>, current: Arc<FittedModel>| -> Result<SearchPath, DiagnosisError> {
-                    let split = split(&current, noise)?;
-                    Ok(SearchPath { accepted: std::mem::take(accepted), current, split, aside: false })
-                };
-            let mut paths = match self.accepted.is_empty() {
-                true => Vec::new(),
-                false => vec![path(&mut self.accepted, grown)?],
-            };
-            if let (Some(search), Some(reached)) = (&mut other, reached) {
-                paths.extend(path(&mut search.accepted, reached.current).ok());
-            }
-            let asides = std::mem::take(&mut self.aside).into_par_iter();
-            let asides = asides.filter_map(|Aside { accepted, current }| {
-                let split = split(&current, noise).ok()?;
-                Some(SearchPath { accepted, current, split, aside: true })
-            });
-            let asides: Vec<SearchPath> = asides.collect();
-            let searches = paths.len();
-            paths.extend(asides);
-            let found = problem.front(paths)?;
-            (front, confirmed) = (found.models, found.confirmed);
-            if let Some((level, text)) = found.recommended {
-                if let Some(search) = other.filter(|_| (1..searches).contains(&level.path)) {
-                    (self.steps, self.rejected) = (search.steps, search.rejected);
-                }
-                over_all = level.over_all.and_then(Result::ok);
-                (self.accepted, last, after, written) = (level.accepted, Some(level.current), level.split, Some(text));
-            }
-            self.rejected.extend(found.rejected);
-            let accepted = &self.accepted;
-            self.rejected.retain(|r| accepted.iter().all(|a| a.cause.place != r.place));
-            if written.is_some() && !self.work.goes_on() {
-                end.stop();
-            }
-        }
-        let (all, train) = (self.runs.all, self.runs.train);
-        let at =
-            |current: &FittedModel, fit: &SplitFit| responses(&current.model, all, &current.predictors, &fit.theta);
-        let old = at(first, &before).unwrap_or_else(|| first.response.clone());
-        let mut new =
-            last.as_ref().map_or(Some(old.clone()), |current| at(current, &after)).unwrap_or_else(|| old.clone());
-        for accepted in &mut self.accepted {
-            accepted.renew(&after.fitting);
-        }
-        self.work.stage("looking for disturbances, residual analysis");
-        let residuals = ResidualRecords::new(first, self.runs, &before.theta, noise)?;
-        let lack_of_fit = residuals.lack_of_fit();
-        let evidence = residuals.evidence();
-        let explained = match &last {
-            Some(current) => ResidualRecords::new(current, self.runs, &after.theta, noise)?.evidence(),
-            None => None,
-        };
-        let cost = self.accepted.iter().map(Accepted::cost).sum();
-        let mut attribution =
-            evidence.as_ref().map(|h| against(&first.model, h, explained.as_ref().map(|e| (e, cost))));
-        // by the joint fits, means included: where disturbances are looked for there are none
-        let gained = before.cost() - after.cost() - self.accepted.iter().map(Accepted::penalty).sum::<f64>();
-        let mut verdict = self.verdict(attribution.as_ref(), end.family_wise, (confirmed, gained));
-        let in_time = *self.runs.domain == Domain::Time;
-        let left = explained.as_ref().is_some_and(ResidualEvidence::repeats);
-        let curve_of = |law: &NonlinearityCurve| -> Option<LawModel> {
-            self.work.stage("fitting the curve of an unmodelled law");
-            law_model(first, &before.theta, law, (runs, options, work)).ok()
-        };
-        let likeliest = evidence.as_ref().filter(|_| in_time && work.goes_on()).and_then(|e| e.nonlinearities.curve());
-        let mut fitted_law = None;
-        if let (Verdict::UnknownCause, Some((law, _)), Some(current), Some(own)) =
-            (verdict, &likeliest, &last, &written)
-            && explained.as_ref().is_some_and(|explained| !explained.repeats())
-        {
-            // effects that leave nothing of a law and predict better than its curve are what it is
-            fitted_law = curve_of(law);
-            let better = |law: &LawModel| problem.predicts_better((current, &own.fitted), law.fits());
-            if fitted_law.as_ref().is_none_or(better) {
-                verdict = Verdict::EffectFound;
-            }
-        }
-        let mut told = match verdict {
-            Verdict::NoEffectFound if !end.stopped => self.beyond_noise(first, noise),
-            _ => Vec::new(),
-        };
-        if !told.is_empty() {
-            verdict = Verdict::UnknownCause;
-            if let Some(attribution) = &mut attribution {
-                attribution.warnings.append(&mut told);
-            }
-        }
-        let overruled = match verdict {
-            Verdict::Disturbance => Some("a disturbance (process noise) explains more"),
-            Verdict::UnknownCause => Some("one function of a state or input, the same in every run, explains more"),
-            _ => None,
-        };
-        if let Some(reason) = overruled {
-            self.withdraw(reason);
-            front.iter_mut().for_each(|model| model.recommended = false);
-            (last, new, written, over_all) = (None, old.clone(), None, None);
-        }
-        // a law without a name, as a table in the text; recommended where nothing else is. Beside effects it is fitted where it is likelier
-        let effects = attribution.as_ref().and_then(|a| a.by_effect).unwrap_or(0.0).max(0.0);
-        let unnamed = |odds: f64| verdict == Verdict::UnknownCause || (left && odds > effects + BELIEVED);
-        let mut curve = None;
-        if let Some((law, _)) = likeliest.filter(|(_, odds)| unnamed(*odds) && work.goes_on())
-            && let Some(law) = fitted_law.or_else(|| curve_of(&law))
-        {
-            let mut told = problem.law(&law);
-            if let Some(attribution) = attribution.as_mut().filter(|_| told.objection.is_none()) {
-                let stand_in = "that law as a table in the text, a stand-in for what has no name";
-                attribution.warnings.push(format!("{}: {stand_in}", law.place));
-            }
-            told.recommended = verdict == Verdict::UnknownCause && told.objection.is_none();
-            if told.recommended {
-                new.clone_from(&law.written.fitted.response);
-                curve = Some(law.current);
-                over_all = fitted_to_all(&law.written);
-                written = Some(law.written);
-            }
-            if front.is_empty() {
-                front.push(problem.given());
-            }
-            front.push(told);
-        }
-        if options.tables && in_time && self.may_be_curved(verdict, left) && self.work.goes_on() {
-            self.work.stage("trying coefficients as tables");
-            let current = last.as_deref().or(curve.as_ref());
-            let score = |written: &WrittenModel| {
-                let responses = (&first.response[..], &written.fitted.response[..]);
-                let gains = run_gains(all, train, &first.predictors, responses, noise);
-                let penalties: f64 = self.accepted.iter().map(Accepted::penalty).sum();
-                let named = !self.accepted.is_empty();
-                if named { gains.iter().map(|g| g.gain).sum::<f64>() - penalties } else { f64::NEG_INFINITY }
-            };
-            let rival = written.as_ref().zip(current);
-            let rival = rival.map(|(written, current)| Rival { written, current, score: score(written) });
-            let proposed = self.proposed(&problem, rival.as_ref());
-            if let Some(Proposed { table, model, beside }) = proposed {
-                if model.recommended {
-                    front.iter_mut().for_each(|model| model.recommended = false);
-                    if !beside {
-                        self.withdraw("a coefficient that depends on a signal explains more");
-                        (verdict, last) = (Verdict::UnknownCause, None);
-                    }
-                    let sentences = model.table.iter().map(|t| t.sentence.clone());
-                    match &mut attribution {
-                        Some(attribution) => attribution.warnings.extend(sentences),
-                        None => told.extend(sentences),
-                    }
-                    new.clone_from(&table.curve.written.fitted.response);
-                    over_all = fitted_to_all(&table.curve.written);
-                    written = Some(table.curve.written);
-                }
-                if front.is_empty() {
-                    front.push(problem.given());
-                }
-                front.push(model);
-            }
-        }
-        // as a plain fit of the model has them, and as a simulation of what is written
-        let whole = problem.all.as_ref().filter(|_| over_all.is_some() || written.is_none());
-        let (given, runs) = whole.map_or((first, self.runs), |whole| (&whole.first, whole.runs));
-        let printed = over_all.as_ref().or(written.as_ref());
-        let plain = (&given.response[..], printed.map_or(&given.response[..], |w| &w.fitted.response[..]));
-        let outputs = output_gains(&first.model, (runs.all, train), &given.predictors, plain, (noise, self.runs.all));
-        let drawn = whole.map(|whole| (whole.at_times_of(all, plain.0), whole.at_times_of(all, plain.1)));
-        let drawn = drawn.as_ref().map_or(plain, |(before, after)| (before, after));
-        let overlays = overlays(all, train, &first.predictors, drawn);
-        let extended = printed.map(|written| written.text.clone());
-        if let Some(attribution) = &mut attribution {
-            attribution.warnings.extend(one_law(&self.accepted));
-            let explains_more = attribution.by_disturbance > gained;
-            if attribution.verdict == Origin::Disturbance && verdict == Verdict::EffectFound && explains_more {
-                attribution.warnings.push(
-                    "a disturbance would explain more of the fitted runs; what the effects gain on runs that were not fitted it would not"
-                        .into(),
-                );
-            }
-        }
-        let suggestions = if verdict == Verdict::UnknownCause { residuals.suggestions() } else { None };
-        let found = !self.accepted.is_empty();
-        let current = last.as_ref().map_or(first, |current| current);
-        let feedback = match current.where_measured(self.runs) {
-            Some((rows, current)) => feedback(&current, Runs { all: &rows, ..self.runs }, &end.detectable),
-            None => feedback(current, self.runs, &end.detectable),
-        };
-        let diagnosis = Diagnosis {
-            verdict,
-            family_wise_p: end.family_wise,
-            causes: self.accepted.into_iter().map(|a| a.cause).collect(),
-            front,
-            rejected: self.rejected,
-            steps: self.steps,
-            detectable: end.detectable,
-            left_out: end.left_out,
-            biased: if found { biased(&before.fitting.estimates, &after.fitting.estimates) } else { Vec::new() },
-            outputs,
-            overlays,
-            gains: if found { run_gains(all, train, &first.predictors, (&old, &new), noise) } else { Vec::new() },
-            noise_knots: end.knots,
-            extended,
-            ended: end.ended,
-            stopped: end.stopped,
-            lack_of_fit,
-            attribution,
-            places: evidence.map(|h| h.places),
-            suggestions,
-            feedback,
-            notes: told,
-            spectral: first.spectral(),
-        };
-        Ok(diagnosis)
-    }
-
-    /// Whether a coefficient may be a curve: something repeats that no effect explains, or what explains it may stand for a curve.
-    fn may_be_curved(&self, verdict: Verdict, left: bool) -> bool {
-        let stands_in = || self.accepted.iter().any(|a| a.candidate.effect().class() == Class::StandIn);
-        match verdict {
-            Verdict::UnknownCause => true,
-            Verdict::EffectFound => left || stands_in() || !one_law(&self.accepted).is_empty(),
-            Verdict::Disturbance | Verdict::NoEffectFound => false,
-        }
-    }
-
-    /// The likeliest table of a coefficient: in the recommended model beside its effects where that predicts better, else in the model as it was
-    /// given. It is recommended where nothing else is, or where it predicts better than what is.
-    fn proposed(&self, problem: &FrontProblem<'_>, rival: Option<&Rival<'_>>) -> Option<Proposed> {
-        let told = |table: &TableModel, beside: bool| {
-            let mut model = problem.law(&table.curve);
-            if beside {
-                let own = self.accepted.iter().map(|a| a.cause.place.clone());
-                model.effects.splice(0..0, own);
-                model.parameters += self.accepted.iter().map(Accepted::cost).sum::<usize>();
-            }
-            model.table = Some(table.found.clone());
-            model
-        };
-        if let Some(Rival { written, current, .. }) = rival.filter(|_| !self.accepted.is_empty())
-            && let Some(table) = problem.table_in(&written.fitted)
-            && problem.predicts_better(table.curve.fits(), (current, &written.fitted))
-        {
-            let mut model = told(&table, true);
-            let accepted = &self.accepted;
-            let superseded = || accepted.iter().find_map(|effect| table.superseded(effect));
-            model.objection =
-                model.objection.or_else(|| table.curve.written.against_physics(accepted)).or_else(superseded);
-            model.recommended = model.objection.is_none();
-            let beside = Proposed { table, model, beside: true };
-            if beside.model.recommended {
-                return Some(beside);
-            }
-            // what speaks against it may be an effect that has stood in for it
-            let alone = self.proposed_alone(problem, rival, told);
-            return alone.filter(|alone| alone.model.recommended).or(Some(beside));
-        }
-        self.proposed_alone(problem, rival, told)
-    }
-
-    /// A table in the model as it was given, in the place of all effects: a stand-in, recommended where it predicts better and is likelier with all
-    /// penalties counted.
-    fn proposed_alone(
-        &self,
-        problem: &FrontProblem<'_>,
-        rival: Option<&Rival<'_>>,
-        told: impl Fn(&TableModel, bool) -> FrontModel,
-    ) -> Option<Proposed> {
-        let table = problem.table_in(problem.first)?;
-        let mut model = told(&table, false);
-        let better = rival.is_none_or(|Rival { written, current, score }| {
-            table.score > *score && problem.predicts_better(table.curve.fits(), (current, &written.fitted))
-        });
-        if !better && model.objection.is_none() {
-            model.objection =
-                Some("what is recommended predicts as well, within one standard error, or is likelier".into());
-        }
-        model.recommended = model.objection.is_none();
-        Some(Proposed { table, model, beside: false })
-    }
-
-    /// Outputs of which the model as it was given leaves more than their noise, in sentences; none in the frequency domain, where no mean is
-    /// compared.
-    fn beyond_noise(&self, first: &FittedModel, noise: &CommonNoise) -> Vec<String> {
-        if *self.runs.domain != Domain::Time {
-            return Vec::new();
-        }
-        let (runs, train, q) = (self.runs.train(), self.runs.train, first.outputs());
-        let plain = (&first.response[..train], &first.response[..train]);
-        let outputs = output_gains(&first.model, (runs, train), &first.predictors[..train], plain, (noise, runs));
-        let left = |(r, run): (usize, &Run)| first.predictors[r].left_by(run, &first.response[r]);
-        let left: Vec<Vec<f64>> = runs.iter().enumerate().map(left).collect();
-        beyond_noise(&outputs, (&left, q))
-    }
-
-    /// Effect, disturbance, unknown cause or nothing.
-    ///
-    /// A disturbance has another course in every run: it does not overrule effects that are confirmed by runs that were not fitted, and that
-    /// explain something beside it. (An effect of 2.7 nats that gained 2.8 +- 1.2 there stood against a disturbance of 157 nats, beside which
-    /// it added 1.7.)
-    fn verdict(
-        &self,
-        attribution: Option<&Attribution>,
-        family_wise: f64,
-        (confirmed, gained): (bool, f64),
-    ) -> Verdict {
-        let (found, clear) = (!self.accepted.is_empty(), family_wise < UNNAMED * self.options.alpha);
-        match attribution.map(|a| a.verdict) {
-            Some(Origin::Disturbance) if confirmed && attribution.is_some_and(|a| a.believes_beside(gained)) => {
-                Verdict::EffectFound
-            }
-            Some(Origin::Disturbance) => Verdict::Disturbance,
-            // effects that are the nearest likeness of a law, which is far likelier. A law repeats, and so does its likeness: that other runs confirm an effect
-            // which explains nothing of the residual as a whole says nothing against a law
-            Some(Origin::UnknownCause)
-                if attribution.is_some_and(|a| is_law(a) && !(confirmed && a.by_effect.is_some_and(|e| e > 0.0))) =>
-            {
-                Verdict::UnknownCause
-            }
-            // what an accepted effect leaves is told beside it
-            _ if found => Verdict::EffectFound,
-            Some(Origin::UnknownCause) => Verdict::UnknownCause,
-            _ if clear => Verdict::UnknownCause,
-            _ => Verdict::NoEffectFound,
-        }
-    }
-
-    /// Takes back what was accepted: it was the nearest likeness of something else.
-    fn withdraw(&mut self, reason: &str) {
-        for (k, accepted) in self.accepted.drain(..).enumerate() {
-            let Cause { place, gain_training, gain_validation, .. } = accepted.cause;
-            let reason = reason.to_string();
-            self.rejected.push(Rejected { place, step: k + 1, gain_training, gain_validation, reason });
-        }
-    }
 }
 
 /// Candidate models (of those that may be accepted) that come near to one, with the values that were fitted; what has another sign than
@@ -925,12 +521,6 @@ fn near(step: &ForwardStep<'_>, comparison: &Comparison, k: usize, can: &[usize]
         (attached.candidate.clone(), choice)
     };
     comparison.models.iter().enumerate().filter(close).take(NEAR).map(of).collect()
-}
-
-/// Whether a curve over one variable is likelier than the effects, by odds of 100 : 1.
-fn is_law(attribution: &Attribution) -> bool {
-    attribution.nonlinearity.is_some()
-        && attribution.by_nonlinearity > attribution.by_effect.unwrap_or(0.0).max(0.0) + BELIEVED
 }
 
 /// Everything that the user gave a name.

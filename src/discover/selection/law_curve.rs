@@ -11,9 +11,9 @@ use super::runs::{DiagnosisOptions, Runs};
 use super::written_model::{WrittenModel, at_values, written_model};
 use crate::diagnosis::EffectAt;
 use crate::disturbance::{CurvePoint, NonlinearityCurve, PlaceKind};
+use fdm_effects::{Catalogue, Choice, NewParam, Subject};
 use fdm_estimate::Work;
 use fdm_grammar::Source;
-use fdm_grammar::effect::{Catalogue, Choice, NewParam, Subject};
 use fdm_system::model::Model;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 

@@ -18,7 +18,7 @@ use super::forward_selection::ForwardSelection;
 use super::forward_step::ForwardStep;
 use super::predictor::responses;
 use super::projection::{Projection, cosine, dot};
-use fdm_grammar::effect::{Candidate, Choice, NewParam};
+use fdm_effects::{Candidate, Choice, NewParam};
 use fdm_grammar::syntax::Class;
 use rayon::prelude::*;
 use std::collections::BTreeSet;
@@ -206,7 +206,7 @@ impl ForwardSelection<'_> {
         let choice = written(attached, &candidate.fitting.theta[0]);
         let text =
             AttachedEffect::new(&attached.candidate, &step.current, scales, &choice).map_err(DiagnosisError::NoFit)?;
-        let model = grown(&step.current.model, &text, &step.current)?;
+        let model = grown(&text, &step.current)?;
         let mut theta = candidate.fitting.theta.clone();
         match &candidate.validation {
             Some((_, validation)) => theta.extend(validation.theta.iter().cloned()),

@@ -18,6 +18,7 @@ mod candidate_model;
 mod coefficient_table;
 mod coefficient_text;
 mod comparison;
+mod conclusion;
 mod directions;
 mod elimination;
 mod error;

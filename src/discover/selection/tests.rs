@@ -3,9 +3,9 @@
 
 use super::*;
 use crate::diagnosis::{Diagnosis, Verdict};
+use fdm_effects::Catalogue;
 use fdm_estimate::{Halt, Stop, Work};
 use fdm_grammar::Source;
-use fdm_grammar::effect::Catalogue;
 use fdm_numeric::random::Stream;
 use fdm_system::model::Model;
 use fdm_system::record::Run;

@@ -10,9 +10,9 @@ use super::fitted_model::{FittedModel, shared_from};
 use super::initial_fit::{Thoroughness, own_fit, plain_fit};
 use super::runs::{DiagnosisOptions, Domain, Runs};
 use crate::bins::Signals;
+use fdm_effects::NewParam;
 use fdm_estimate::Work;
 use fdm_estimate::residuals::add_squares;
-use fdm_grammar::effect::NewParam;
 use fdm_grammar::model::Origin;
 use std::ops::Range;
 

@@ -1,6 +1,6 @@
 //! What a model declares and answers: checks, places for effects, responses.
 
-use fdm_grammar::effect::{Catalogue, Kind, Places};
+use fdm_effects::{Catalogue, Kind, Places};
 use fdm_grammar::graph::show;
 use fdm_grammar::model::{Input, Output, Param, Quantity, State};
 use fdm_system::Model;

@@ -65,16 +65,7 @@ pub(super) fn blank(states: usize, inputs: usize, params: &[f64]) -> Model {
         name: "specimen".into(),
         doc: String::new(),
         time: Unit::second(),
-        inputs: (0..inputs)
-            .map(|k| Input {
-                quantity: quantity(format!("u{k}")),
-                known: false,
-                measured: None,
-                computed: None,
-                held: false,
-                slope: None,
-            })
-            .collect(),
+        inputs: (0..inputs).map(|k| Input::new(quantity(format!("u{k}")))).collect(),
         states: Vec::new(),
         params: params.iter().enumerate().map(|(k, value)| param(format!("p{k}"), *value)).collect(),
         derived: Vec::new(),

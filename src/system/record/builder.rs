@@ -165,9 +165,9 @@ impl<'m> RunBuilder<'m> {
 
     /// The group that the run belongs to (`param k per group aircraft;`), for a model of such groups.
     pub fn group(mut self, grouping: &str, group: &str) -> Self {
-        for groups in self.model.inputs.iter().filter(|i| i.known) {
-            if let Some((of, name)) = groups.quantity.name.split_once('=').filter(|(of, _)| *of == grouping) {
-                self.known.push((format!("{of}={name}"), if name == group { 1.0 } else { 0.0 }));
+        for input in &self.model.inputs {
+            if let Some(of) = input.membership.as_ref().filter(|of| of.grouping == grouping) {
+                self.known.push((input.quantity.name.clone(), if of.group == group { 1.0 } else { 0.0 }));
             }
         }
         self

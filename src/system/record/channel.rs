@@ -1,6 +1,6 @@
 //! The channels that a model asks for, and where each is read from.
 
-use fdm_grammar::model::Slope;
+use fdm_grammar::model::{Membership, Slope};
 use fdm_grammar::{Model, Unit};
 use std::fmt;
 
@@ -34,6 +34,8 @@ pub struct Channel {
     pub unit: Option<Unit>,
     /// Of an input: whether it is a value that the run brings, the same in all samples.
     pub known: bool,
+    /// Of a value that runs bring: the group that it stands for.
+    pub membership: Option<Membership>,
     /// Of an input: whether the model's text says that it is held between samples.
     pub held: bool,
     /// Of an output: the period of an angle.
@@ -43,7 +45,7 @@ pub struct Channel {
 impl Channel {
     /// A channel that may change from sample to sample.
     pub fn new(name: impl Into<String>, unit: Option<Unit>) -> Self {
-        Self { name: name.into(), unit, known: false, held: false, wrap: None }
+        Self { name: name.into(), unit, known: false, membership: None, held: false, wrap: None }
     }
 }
 
@@ -79,7 +81,7 @@ pub fn channels(model: &Model) -> Channels {
             .inputs
             .iter()
             .filter(|i| i.is_declared())
-            .map(|i| Channel { known: i.known, held: i.held, ..channel(&i.quantity) })
+            .map(|i| Channel { known: i.known, membership: i.membership.clone(), held: i.held, ..channel(&i.quantity) })
             .collect(),
         outputs: model.outputs.iter().map(|o| Channel { wrap: o.wrap, ..channel(&o.quantity) }).collect(),
         driving: model.inputs.iter().filter_map(|i| i.measured).map(|o| o as usize).collect(),

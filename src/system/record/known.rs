@@ -9,6 +9,7 @@ use super::read::{ChannelSource, Summary};
 use super::run::Run;
 use fdm_grammar::Unit;
 use fdm_grammar::diagnostic::nearest;
+use fdm_grammar::model::Membership;
 
 /// The channels that are columns of a file, and what stands beside them.
 pub(crate) struct Asked {
@@ -59,7 +60,7 @@ pub(crate) fn asked(channels: &Channels, options: &ReadOptions) -> Result<Asked,
 
 fn given(channels: &Channels, options: &ReadOptions, problems: &mut Vec<Problem>) -> Vec<(usize, f64)> {
     let known = || channels.inputs.iter().enumerate().filter(|(_, c)| c.known);
-    let plain = || known().filter(|(_, c)| !c.name.contains('='));
+    let plain = || known().filter(|(_, c)| c.membership.is_none());
     for value in &options.known {
         if !plain().any(|(_, c)| c.name == value.name) {
             let names = || plain().map(|(_, c)| c.name.as_str());
@@ -70,8 +71,8 @@ fn given(channels: &Channels, options: &ReadOptions, problems: &mut Vec<Problem>
     }
     let mut given = Vec::new();
     for (k, channel) in known() {
-        let found = match channel.name.split_once('=') {
-            Some((grouping, group)) => member(channels, options, (grouping, group)),
+        let found = match &channel.membership {
+            Some(of) => member(channels, options, of),
             None => match value(channel, options) {
                 Some(found) => found,
                 None => continue,
@@ -87,12 +88,12 @@ fn given(channels: &Channels, options: &ReadOptions, problems: &mut Vec<Problem>
 }
 
 /// Whether the run is of this group.
-fn member(channels: &Channels, options: &ReadOptions, (grouping, group): (&str, &str)) -> Result<f64, Problem> {
-    let of_grouping =
-        |c: &Channel| c.name.split_once('=').filter(|(g, _)| c.known && *g == grouping).map(|(_, n)| n.to_string());
-    let known: Vec<String> = channels.inputs.iter().filter_map(of_grouping).collect();
+fn member(channels: &Channels, options: &ReadOptions, of: &Membership) -> Result<f64, Problem> {
+    let Membership { grouping, group } = of;
+    let beside = channels.inputs.iter().filter_map(|c| c.membership.as_ref()).filter(|m| m.grouping == *grouping);
+    let known: Vec<String> = beside.map(|m| m.group.clone()).collect();
     let groups = || Names::new(known.iter().map(String::as_str));
-    let grouping = grouping.to_string();
+    let grouping = grouping.clone();
     match options.groups.get(&grouping) {
         Some(own) if known.contains(own) => Ok(if own == group { 1.0 } else { 0.0 }),
         Some(own) => {

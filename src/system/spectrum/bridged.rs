@@ -39,6 +39,18 @@ pub struct Bridge {
     pub left_out: usize,
 }
 
+impl Bridge {
+    pub(super) fn new(name: ChannelName, even: &EvenRows, channel: usize, trust: &Trust) -> Self {
+        Self {
+            channel: name,
+            missing: even.gaps[channel].iter().map(|gap| gap.length).sum(),
+            longest: even.longest_gap(channel).0,
+            error: trust.error,
+            left_out: trust.kept.iter().filter(|kept| !**kept).count(),
+        }
+    }
+}
+
 /// Where the bridges over the gaps of a channel may be trusted.
 pub(super) struct Trust {
     /// For each frequency (M) whether the coefficient is kept.

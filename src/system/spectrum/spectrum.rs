@@ -82,6 +82,23 @@ pub enum Ends {
     Extrapolated,
 }
 
+/// Samples of the inputs (m by N + 1), where `outer` samples on each side are not transformed; `before` is what they are before the record.
+fn input_samples(even: &EvenRows, outer: usize, before: &[f64], edges: &[Vec<HeldEdge>]) -> Vec<f64> {
+    let (m, samples) = (before.len(), even.places - 2 * outer);
+    let samples_of = |c: usize| std::iter::once(0).chain(outer..outer + samples).map(move |k| k * even.width + c);
+    let mut found: Vec<f64> = (0..m).flat_map(samples_of).map(|at| even.rows[at]).collect();
+    if outer == 0 {
+        found.chunks_mut(samples + 1).zip(before).for_each(|(row, before)| row[0] = *before);
+    }
+    // a delay moves what an input is in an interval, in the mean
+    for (c, (interval, area)) in (0..m).flat_map(|c| edges[c].iter().map(move |edge| (c, edge.area()))) {
+        // the first is the sample before
+        let at = (interval + 1).checked_sub(outer).filter(|at| (1 - outer..=samples).contains(at));
+        at.into_iter().for_each(|at| found[c * (samples + 1) + at] += area);
+    }
+    found
+}
+
 impl Spectrum {
     /// Transforms a run at the chosen frequencies.
     ///
@@ -118,19 +135,9 @@ impl Spectrum {
             .map(|(c, kind)| centre(&mut even, (c, *kind, missed[c]), outer, vanishes(c)))
             .collect();
         let inner = outer * even.width..(outer + samples) * even.width;
-        let samples_of = |c: usize| std::iter::once(0).chain(outer..outer + samples).map(move |k| k * even.width + c);
-        let mut input_samples: Vec<f64> = (0..m).flat_map(samples_of).map(|at| even.rows[at]).collect();
         let before = |c: usize| even.rows[c] - if vanishes(c) { first[c] } else { 0.0 };
         let input_before: Vec<f64> = (0..m).map(before).collect();
-        if outer == 0 {
-            input_samples.chunks_mut(samples + 1).zip(&input_before).for_each(|(row, before)| row[0] = *before);
-        }
-        // a delay moves what an input is in an interval, in the mean
-        for (c, (interval, area)) in (0..m).flat_map(|c| edges[c].iter().map(move |edge| (c, edge.area()))) {
-            // the first is the sample before
-            let at = (interval + 1).checked_sub(outer).filter(|at| (1 - outer..=samples).contains(at));
-            at.into_iter().for_each(|at| input_samples[c * (samples + 1) + at] += area);
-        }
+        let input_samples = input_samples(&even, outer, &input_before, &edges);
         let input_held = courses[..m].iter().map(|c| *c == Course::Held).collect();
         let squares =
             |c: usize| even.rows[inner.clone()].iter().skip(c).step_by(even.width).map(|v| v * v).sum::<f64>();
@@ -164,13 +171,7 @@ impl Spectrum {
             for (k, _) in trust.kept.iter().enumerate().filter(|(_, kept)| !**kept) {
                 told.clone().for_each(|o| outputs[o * comb.len() + k] = Complex64::new(f64::NAN, f64::NAN));
             }
-            bridged.push(Bridge {
-                channel: options.name(*c, m),
-                missing: even.gaps[*c].iter().map(|gap| gap.length).sum(),
-                longest: even.longest_gap(*c).0,
-                error: trust.error,
-                left_out: trust.kept.iter().filter(|kept| !**kept).count(),
-            });
+            bridged.push(Bridge::new(options.name(*c, m), &even, *c, &trust));
         }
         if let Some((_, error)) = long.into_iter().next()
             && outputs.iter().all(|v| v.is_nan())
@@ -178,16 +179,12 @@ impl Spectrum {
             return Err(error);
         }
         let half = [outer as f64 - 0.5, (outer + samples) as f64 - 0.5];
-        let ends: Vec<[f64; 2]> = courses
-            .iter()
-            .zip(&sides)
-            .zip(&edges)
-            .map(|((course, sides), edges)| {
-                let [first, last] = course.ends(*sides);
-                let missed = half.map(|time| edges.iter().map(|edge| edge.at(time)).sum::<f64>());
-                [first + missed[0], last + missed[1]]
-            })
-            .collect();
+        let ends_of = |(course, sides, edges): (&Course, Sides, &[HeldEdge])| {
+            let [first, last] = course.ends(sides);
+            let missed = half.map(|time| edges.iter().map(|edge| edge.at(time)).sum::<f64>());
+            [first + missed[0], last + missed[1]]
+        };
+        let ends: Vec<[f64; 2]> = (0..even.width).map(|c| ends_of((&courses[c], sides[c], &edges[c]))).collect();
         let pick = |channels: std::ops::Range<usize>| {
             [0, 1].map(|side| ends[channels.clone()].iter().map(|e| e[side]).collect())
         };

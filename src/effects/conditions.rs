@@ -1,0 +1,150 @@
+//! Where an effect does not fit: the tests behind `unless` and `when`.
+
+use super::definition::Effect;
+use super::subject::{Subject, Target};
+use super::turnover::Turnover;
+use fdm_grammar::graph::Leaf;
+use fdm_grammar::syntax::{BinarySign, EffectLine, Expr, ExprRef, SlotKind, UnarySign};
+use fdm_grammar::unit::Unit;
+
+/// What a node of a test is.
+#[derive(Debug, Clone, Copy)]
+enum Part {
+    Truth(bool),
+    /// The thing that a slot stands for, by slot.
+    Thing(usize),
+    /// The rate of that state.
+    Rate(usize),
+    /// Nothing that has a meaning; the definition was checked, so this is a function of slots that cannot be.
+    Nothing,
+}
+
+/// Whether all conditions of an effect are met by these targets, one for each slot.
+pub(super) fn fits(effect: &Effect, subject: &Subject, targets: &[&Target]) -> bool {
+    let tree = effect.tree();
+    let used = |slot: usize| {
+        let name = &targets[slot].name;
+        let own = (targets[slot].kind == SlotKind::State).then_some(name.as_str());
+        targets[slot].kind == SlotKind::Output || !subject.uses(name, own).is_empty()
+    };
+    let replaced = tree.lines.iter().filter_map(|(line, _)| match line {
+        EffectLine::Replace(name, _) => effect.slot(&name.text),
+        _ => None,
+    });
+    // what nothing uses cannot be replaced
+    if !replaced.into_iter().all(used) {
+        return false;
+    }
+    tree.conditions.iter().all(|condition| {
+        let mut parts: Vec<Part> = Vec::with_capacity(condition.test.0 as usize + 1);
+        for k in 0..=condition.test.0 {
+            let part = node(effect, subject, targets, ExprRef(k), &parts);
+            parts.push(part);
+        }
+        match parts[condition.test.0 as usize] {
+            Part::Truth(holds) => holds != condition.unless,
+            _ => true,
+        }
+    })
+}
+
+fn node(effect: &Effect, subject: &Subject, targets: &[&Target], e: ExprRef, parts: &[Part]) -> Part {
+    let at = |e: &ExprRef| parts[e.0 as usize];
+    let truth = |e: &ExprRef| matches!(at(e), Part::Truth(true));
+    let of_one = |a: &ExprRef, holds: &dyn Fn(&str) -> bool| match at(a) {
+        Part::Thing(k) => Part::Truth(holds(&targets[k].name)),
+        _ => Part::Nothing,
+    };
+    let of_two = |a: &ExprRef, b: &ExprRef, holds: &dyn Fn(&str, &str) -> bool| match (at(a), at(b)) {
+        (Part::Thing(a), Part::Thing(b)) => Part::Truth(holds(&targets[a].name, &targets[b].name)),
+        _ => Part::Nothing,
+    };
+    match effect.tree().pool.expr(e) {
+        Expr::Name(name) => effect.slot(name).map_or(Part::Nothing, Part::Thing),
+        Expr::Unary(UnarySign::Not, a) => Part::Truth(!truth(a)),
+        Expr::Binary(BinarySign::And, a, b, _) => Part::Truth(truth(a) && truth(b)),
+        Expr::Binary(BinarySign::Or, a, b, _) => Part::Truth(truth(a) || truth(b)),
+        Expr::Binary(sign, a, b, _) => {
+            let order = |p: Part| match p {
+                Part::Thing(k) | Part::Rate(k) => Some((targets[k].order, matches!(p, Part::Rate(_)))),
+                _ => None,
+            };
+            let (Some(a), Some(b)) = (order(at(a)), order(at(b))) else { return Part::Nothing };
+            match sign {
+                BinarySign::Equal => Part::Truth(a == b),
+                BinarySign::NotEqual => Part::Truth(a != b),
+                BinarySign::Less => Part::Truth(a < b),
+                BinarySign::Greater => Part::Truth(a > b),
+                _ => Part::Nothing,
+            }
+        }
+        Expr::Call(name, arguments) => match (name.text.as_str(), &arguments[..]) {
+            ("der", [a]) => match at(a) {
+                Part::Thing(k) => Part::Rate(k),
+                _ => Part::Nothing,
+            },
+            ("known", [a]) => match at(a) {
+                Part::Rate(k) | Part::Thing(k) => Part::Truth(is_known(subject, &targets[k].name)),
+                _ => Part::Nothing,
+            },
+            ("shared", [a]) => of_one(a, &|x| is_shared(subject, x)),
+            ("temperature", [a]) => of_one(a, &|x| subject.unit(x).is_some_and(|u| u.dimension == TEMPERATURE)),
+            ("intensive", [a]) => of_one(a, &|x| subject.unit(x).is_some_and(|u| is_intensive(&u))),
+            ("unitless", [a]) => of_one(a, &|x| subject.unit(x).is_none_or(|u| u.dimension == [0; 7])),
+            ("power", [i, x]) => of_two(i, x, &|i, x| is_power(subject, i, x)),
+            ("alike", [a, b]) => of_two(a, b, &|a, b| are_alike(subject, a, b)),
+            ("consumes", [p, x]) => of_two(p, x, &|p, x| subject.turnover(p, x) == Some(Turnover::Consumed)),
+            ("produces", [p, x]) => of_two(p, x, &|p, x| subject.turnover(p, x) == Some(Turnover::Produced)),
+            ("depends", [a, b]) => match (at(a), at(b)) {
+                (Part::Rate(k) | Part::Thing(k), Part::Thing(z)) => {
+                    Part::Truth(depends(subject, &targets[k].name, &targets[z].name))
+                }
+                _ => Part::Nothing,
+            },
+            _ => Part::Nothing,
+        },
+        _ => Part::Nothing,
+    }
+}
+
+/// Whether no parameter stands in the rate of a state or the value of an output: nothing was left to be found there.
+fn is_known(subject: &Subject, name: &str) -> bool {
+    subject.reached(name).is_some_and(|leaves| !leaves.iter().any(|l| matches!(l, Leaf::Param(_))))
+}
+
+/// Whether something stands in the equations of several states, as a torque between coupled bodies does.
+fn is_shared(subject: &Subject, name: &str) -> bool {
+    let states = subject.model.states.iter().map(|s| &s.quantity.name);
+    states.filter(|state| subject.balance(state).is_some() && depends(subject, state, name)).count() > 1
+}
+
+/// Whether a force acts on a speed, or a torque on an angular rate: their product is a power. Nothing is said where a unit is
+/// missing.
+fn is_power(subject: &Subject, force: &str, speed: &str) -> bool {
+    let (Some(force), Some(speed)) = (subject.unit(force), subject.unit(speed)) else { return true };
+    let watt = Unit::parse("W");
+    watt.is_ok_and(|watt| force.product(&speed).is_some_and(|product| product.same_dimension(&watt)))
+}
+
+/// Exponents of a temperature.
+const TEMPERATURE: [i8; 7] = [0, 0, 0, 0, 1, 0, 0];
+
+/// Whether a unit is that of a temperature, or of how much of a substance there is, in moles or by volume in moles or mass.
+fn is_intensive(unit: &Unit) -> bool {
+    match unit.dimension {
+        [_, 0, 0, 0, 0, moles, 0] if moles != 0 => true,
+        dimension => [TEMPERATURE, [-3, 1, 0, 0, 0, 0, 0]].contains(&dimension),
+    }
+}
+
+/// Whether two things measure the same. Nothing is said where a unit is missing.
+fn are_alike(subject: &Subject, a: &str, b: &str) -> bool {
+    let (Some(a), Some(b)) = (subject.unit(a), subject.unit(b)) else { return true };
+    a.same_dimension(&b)
+}
+
+/// Whether the rate of a state or the value of an output depends on something, lets looked through.
+fn depends(subject: &Subject, name: &str, on: &str) -> bool {
+    let leaf = subject.leaf(on);
+    subject.reached(name).is_some_and(|leaves| leaf.is_some_and(|l| leaves.contains(&l)))
+}
