@@ -951,7 +951,7 @@ pub use fdm_lab::study::Bootstrap;
 /// ```
 /// use fdm::{Work, series, study::Repeat};
 /// // every repeat draws from a stream of its own, so that results do not depend on threads
-/// let once = |number| (number != 2).then(|| Repeat::gone("for the example", 1));
+/// let once = |number: u64| (number != 2).then(|| Repeat::gone("for the example", 1));
 /// let repeats = series(4, &Work::default(), &|_, _| (), &once);
 /// assert_eq!(repeats.iter().flatten().count(), 3);
 /// ```

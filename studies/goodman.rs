@@ -3,7 +3,9 @@
 //! `cargo test --release --manifest-path studies/Cargo.toml --test studies goodman:: -- --ignored --nocapture`
 
 use fdm::Model;
-use fdm::estimate::{Changes, Continuation, Fit, FitOptions, LengthSensitivity, RecoveryStrategy, Shooting, Work, by_confidence, fit};
+use fdm::estimate::{
+    Changes, Continuation, Fit, FitOptions, LengthSensitivity, RecoveryStrategy, Shooting, Work, by_confidence, fit,
+};
 use fdm::record::Run;
 use fdm::simulate::Simulator;
 use rayon::prelude::*;
@@ -183,7 +185,8 @@ fn ship_table_1() {
     let ship = ship();
     for factor in [1.0, 2.0, 0.5] {
         let start = SHIP.iter().map(|(n, v)| (n.to_string(), v * factor)).collect();
-        let found = fit(&ship.model, std::slice::from_ref(&ship.clean), &ship.options(start), &Work::default()).unwrap();
+        let found =
+            fit(&ship.model, std::slice::from_ref(&ship.clean), &ship.options(start), &Work::default()).unwrap();
         println!("noise-free, all starts times {factor}: largest relative error {:.1e}", ship.worst(&found));
         assert!(ship.worst(&found) < 1e-6);
     }
@@ -273,7 +276,8 @@ fn ship_from_all_starts_doubled_or_halved() {
             let factor = |k: usize| if combination >> k & 1 == 1 { 2.0 } else { 0.5 };
             let start = SHIP.iter().enumerate().map(|(k, (n, v))| (n.to_string(), v * factor(k))).collect();
             let options = ship.options(start);
-            let go = |options: FitOptions| fit(&ship.model, std::slice::from_ref(&run), &options, &Work::default()).unwrap();
+            let go =
+                |options: FitOptions| fit(&ship.model, std::slice::from_ref(&run), &options, &Work::default()).unwrap();
             let plain = go(FitOptions { continuation: Continuation::Never, ..options.clone() });
             if found(&plain) {
                 return (combination, None);
@@ -402,7 +406,8 @@ fn elovich_table_5() {
         }
         println!("\n{celsius} C: the paper a {a}, alpha {alpha}; graphically and by analog computer {others}");
         let found =
-            fit(&elovich.model, std::slice::from_ref(&elovich.clean), &elovich.options(Vec::new()), &Work::default()).unwrap();
+            fit(&elovich.model, std::slice::from_ref(&elovich.clean), &elovich.options(Vec::new()), &Work::default())
+                .unwrap();
         println!("noise-free, start as the model says: largest relative error {:.1e}", elovich.worst(&found));
         assert!(elovich.worst(&found) < 1e-6);
         scatter_agrees(&elovich, 0.01, 1, 2000);

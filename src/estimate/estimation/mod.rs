@@ -4,7 +4,6 @@
 //! the iteration. **Start** at [`solve`]: smoothness of tables, iteration, uncertainty; what the data do not determine is held.
 
 pub(crate) mod estimate;
-pub(crate) mod held;
 pub(crate) mod smoothness;
 pub(crate) mod solve;
 pub(crate) mod table_nodes;

@@ -241,7 +241,7 @@ fn choose_for(
         // what is wrong with the last estimation it tells itself
         let Some((bound, values)) = search.estimate(problem, &weights, work) else { break };
         search.unknowns.start = values;
-        if work.stopped().is_some() {
+        if !work.goes_on() {
             break;
         }
         let ahead = search.ahead(&weights, &penalties, &bound);

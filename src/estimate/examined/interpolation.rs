@@ -33,7 +33,7 @@ pub(crate) fn compare(fit: &Fit, reached: &Attempt<'_>) -> Vec<InputInterpolatio
     let Attempt { runs, starts: thetas, options, work, .. } = *reached;
     let mut found = Vec::new();
     for input in unknown(&fit.model, runs) {
-        if work.stopped().is_some() {
+        if !work.goes_on() {
             break;
         }
         let held = runs.iter().any(|run| run.held[input] && !run.is_stated(input));

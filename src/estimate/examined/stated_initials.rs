@@ -49,7 +49,7 @@ pub(crate) fn doubted_initials(fit: &Fit, reached: &Attempt<'_>) -> Result<Optio
     let Some(freed) = Freed::of(fit, runs, thetas) else { return Ok(None) };
     work.doing("judging the stated initial values");
     let Some(states) = freed.worth_a_fit() else { return Ok(None) };
-    if work.stopped().is_some() {
+    if !work.goes_on() {
         return Ok(None);
     }
     let (model, starts) = freed.model_of(&states);

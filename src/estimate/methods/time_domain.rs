@@ -197,11 +197,11 @@ pub(crate) fn examined(mut fit: Fit, attempt: &Attempt<'_>) -> Result<Fit, FitEr
         }
     }
     let sound = fit.estimate.termination.is_good();
-    if options.confidence && sound && work.stopped().is_none() {
+    if options.confidence && sound && work.goes_on() {
         work.doing("fitting shorter records");
         fit.by_length = fit_shorter_records(&fit, attempt)?;
     }
-    if options.reweight && sound && work.stopped().is_none() {
+    if options.reweight && sound && work.goes_on() {
         work.doing("fitting with other weights");
         fit.reweighting = refit_with_weights(&fit, attempt)?;
     }

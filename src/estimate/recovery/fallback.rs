@@ -37,7 +37,7 @@ pub(crate) fn attempt(attempt: &Attempt<'_>) -> Result<Fit, FitError> {
     let found = trouble(&fit.estimate).filter(|_| options.continuation == Continuation::Auto);
     let found =
         found.filter(|found| !(matches!(found, FitDefect::PoorMatch { .. }) && leaves_noise(model, runs, &fit)));
-    match found.filter(|_| work.stopped().is_none()) {
+    match found.filter(|_| work.goes_on()) {
         Some(trouble) => fallback(attempt, (fit, trouble)),
         None => Ok(fit),
     }

@@ -12,11 +12,9 @@
 
 use super::cramer_rao::CramerRao;
 use super::model_averaged::ShortRuns;
-use super::sandwich::{Corrected, NoiseColour, Sandwich, Uncorrected};
+use super::sandwich::{Corrected, Ended, NoiseColour, Sandwich, Uncorrected};
 use super::sensitivity_rows::{Colour, Filtered, SensitivityRows, sampling};
-use crate::iteration::priors::PriorRow;
 use crate::problem::response::RunResponse;
-use crate::problem::unknowns::Unknowns;
 use crate::problem::{Problem, ProblemRun};
 use crate::residuals::autocovariance::Lagged;
 use crate::residuals::autoregression::{self, AutoRegression, LevinsonDurbin};
@@ -48,22 +46,15 @@ const MOST_PRODUCTS: f64 = 2e9;
 ///
 /// # Errors
 /// [`Uncorrected`] when that is not possible.
-pub(crate) fn corrected(
+pub(super) fn corrected(
     problem: &mut Problem<'_>,
-    unknowns: &Unknowns,
-    values: &[f64],
-    bound: &CramerRao,
-    priors: impl Iterator<Item = PriorRow>,
+    ended: &Ended<'_>,
 ) -> Result<(Corrected, Vec<SensitivityRows>), Uncorrected> {
-    let noise = bound.noise.as_ref().ok_or(Uncorrected::NoDegreesOfFreedom)?;
-    if bound.inverse.chosen.is_empty() {
-        // all at their bounds, or without any effect
-        return Err(Uncorrected::NoDegreesOfFreedom);
-    }
-    let sandwich = Sandwich { unknowns, bound };
+    let Ended { sandwich, noise, values, .. } = *ended;
+    let bound = sandwich.bound;
     let runs = rows(problem, &sandwich, values)?;
     let inverse_noise = noise.inverse();
-    let prior = sandwich.prior(priors);
+    let prior = ended.prior();
     let short = ShortRuns::of(&runs, &sandwich, noise, &prior)?;
     let mut long: Vec<LongRun> =
         (0..runs.len()).filter(|r| runs[*r].is_long()).map(|r| LongRun::new(r, &runs)).collect();

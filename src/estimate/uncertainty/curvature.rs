@@ -111,7 +111,7 @@ impl Neighbourhood<'_, '_, '_, '_> {
             looked_at(self.values, self.bound).into_iter().map(|k| self.line(k, &logarithmic)).collect();
         let mut found = Vec::new();
         for line in lines.iter().filter(|line| line.error.is_finite() && line.error > 0.0) {
-            if work.stopped().is_some() {
+            if !work.goes_on() {
                 break;
             }
             found.extend(self.curved_along(line));

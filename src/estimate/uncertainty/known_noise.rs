@@ -1,8 +1,6 @@
 //! Standard errors where the noise of every number is known from another source than the residuals, correlations among them.
 
-use super::cramer_rao::CramerRao;
-use super::sandwich::{Corrected, Sandwich, Uncorrected};
-use crate::iteration::priors::PriorRow;
+use super::sandwich::{Corrected, Ended, Sandwich, Uncorrected};
 use crate::problem::response::{KnownNoise, RunResponse};
 use crate::problem::unknowns::Unknowns;
 use crate::problem::{Problem, ProblemRun};
@@ -11,18 +9,9 @@ use crate::problem::{Problem, ProblemRun};
 ///
 /// # Errors
 /// [`Uncorrected`] when that is not possible.
-pub(crate) fn corrected_known(
-    problem: &mut Problem<'_>,
-    unknowns: &Unknowns,
-    values: &[f64],
-    bound: &CramerRao,
-    priors: impl Iterator<Item = PriorRow>,
-) -> Result<Corrected, Uncorrected> {
-    let noise = bound.noise.as_ref().ok_or(Uncorrected::NoDegreesOfFreedom)?;
-    if bound.inverse.chosen.is_empty() {
-        return Err(Uncorrected::NoDegreesOfFreedom);
-    }
-    let sandwich = Sandwich { unknowns, bound };
+pub(super) fn corrected_known(problem: &mut Problem<'_>, ended: &Ended<'_>) -> Result<Corrected, Uncorrected> {
+    let Ended { sandwich, noise, values, .. } = *ended;
+    let Sandwich { unknowns, bound } = sandwich;
     let (mut middles, mut sizes) = (Vec::new(), (0.0, 0.0, 0));
     for (r, run) in problem.runs.iter_mut().enumerate() {
         let theta = unknowns.assembled(r, values);
@@ -34,7 +23,7 @@ pub(crate) fn corrected_known(
     let freedom = (count as f64 - bound.inverse.chosen.len() as f64).max(1.0) / count as f64;
     let growth = (found / (expected * freedom)).max(1.0);
     middles.iter_mut().flatten().for_each(|v| *v *= growth);
-    let covariance = sandwich.covariance(&middles, &sandwich.prior(priors));
+    let covariance = sandwich.covariance(&middles, &ended.prior());
     if covariance.iter().all(|v| v.is_finite()) { Ok(Corrected::of(covariance)) } else { Err(Uncorrected::NotFinite) }
 }
 

@@ -3,7 +3,8 @@
 
 use super::cramer_rao::CramerRao;
 use super::spectral_colour::SpectralColour;
-use crate::iteration::priors::PriorRow;
+use crate::iteration::priors::{PriorRow, Priors};
+use crate::problem::noise::Weights;
 use crate::problem::unknowns::Unknowns;
 use crate::residuals::autoregression::AutoRegression;
 use fdm_numeric::dense::{multiply, multiply_to_symmetric};
@@ -12,7 +13,29 @@ use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
+/// An estimation that has ended, and how its unknowns stand in the covariance.
+pub(crate) struct Ended<'e> {
+    pub(crate) sandwich: Sandwich<'e>,
+    /// The noise that the likelihood takes.
+    pub(crate) noise: &'e Weights,
+    /// All unknowns.
+    pub(crate) values: &'e [f64],
+    /// The responses of all runs to them (N by q each).
+    pub(crate) responses: &'e [Vec<f64>],
+    pub(crate) priors: &'e Priors,
+    /// Whether it ended at a minimum.
+    pub(crate) good: bool,
+}
+
+impl Ended<'_> {
+    /// Prior information, which the noise does not touch.
+    pub(super) fn prior(&self) -> Vec<PriorInformation> {
+        self.sandwich.prior(self.priors.rows(self.values))
+    }
+}
+
 /// Where the columns of the runs stand among the unknowns.
+#[derive(Clone, Copy)]
 pub(crate) struct Sandwich<'f> {
     pub(crate) unknowns: &'f Unknowns,
     pub(crate) bound: &'f CramerRao,
@@ -34,8 +57,7 @@ impl Sandwich<'_> {
         self.places(run).into_iter().enumerate().map(norm).collect()
     }
 
-    /// Prior information, which the noise does not touch.
-    pub(crate) fn prior(&self, priors: impl Iterator<Item = PriorRow>) -> Vec<PriorInformation> {
+    fn prior(&self, priors: impl Iterator<Item = PriorRow>) -> Vec<PriorInformation> {
         let mut prior = Vec::new();
         for row in priors {
             let placed = |(j, entry): &(usize, f64)| {

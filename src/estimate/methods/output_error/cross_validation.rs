@@ -37,7 +37,7 @@ pub(crate) fn weights_by_validation(attempt: &Attempt<'_>) -> Result<Option<Vec<
         let mut cost = 0.0;
         for part in 0..parts {
             work.doing("smoothness of tables by validation");
-            if work.stopped().is_some() {
+            if !work.goes_on() {
                 return Ok(Some(best.1));
             }
             let stays = |k: &usize| k % parts != part;

@@ -1,7 +1,7 @@
 //! A fit in which the noise of outputs is an expression (`noise y = 0.02 + 0.1*abs(y);`): the likelihood of everything, its parameters among them, from the
 //! estimates of a fit whose noise is of one size.
 
-use super::attempt::{Attempt, after};
+use super::attempt::{Attempt, after, suited};
 use super::error::{FitError, StrategyError};
 use super::fit::{Fit, NoiseOfSamples};
 use super::options::FitOptions;
@@ -250,11 +250,7 @@ struct Fitting<'f> {
 
 impl Fitting<'_> {
     fn simulator(&self, r: usize, theta: &[f64]) -> Result<Simulator<'_>, FitError> {
-        let run = &self.runs[r];
-        let simulator = Simulator::new(self.whole.dynamics(), run, self.integration[r].steps.clone());
-        let mut simulator = simulator.map_err(|e| FitError::unsuited(run, e))?;
-        simulator.suits(theta).map_err(|e| FitError::unsuited(run, e))?;
-        Ok(simulator)
+        suited(self.whole, &self.runs[r], theta, self.integration[r].steps.clone())
     }
 
     /// Estimates the parameters that `open` says, from these values.

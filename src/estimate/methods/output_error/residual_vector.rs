@@ -1,20 +1,19 @@
 //! The residuals of all runs as one vector with its exact Jacobian, for optimisers and samplers other than those of this package.
 
-use crate::methods::output_error::attempt::Attempt;
+use crate::methods::output_error::attempt::{Attempt, suited};
 use crate::methods::output_error::error::FitError;
 use crate::methods::output_error::options::FitOptions;
 use crate::methods::output_error::single::{chosen_steps, starts};
 use crate::problem::changes::Changes;
 use crate::problem::derived::DerivedQuantities;
 use crate::problem::response::RunResponse;
-use crate::problem::unknowns::UnknownName;
-use crate::problem::unknowns::Unknowns;
+use crate::problem::unknowns::{UnknownName, Unknowns};
 use crate::problem::{Problem, ProblemRun};
 use crate::work::Work;
 use fdm_grammar::model::Prior;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
-use fdm_system::simulate::{Divergence, Simulator, Steps};
+use fdm_system::simulate::{Divergence, Steps};
 
 /// Residuals (measured minus simulated) of every measured number, over the standard deviation of its output, and their derivatives.
 ///
@@ -178,8 +177,7 @@ impl<'a> ResidualVector<'a> {
 }
 
 fn prepared_run<'a>(model: &'a Model, run: &'a Run, start: &[f64], steps: Steps) -> Result<ProblemRun<'a>, FitError> {
-    let mut simulator = Simulator::new(model.dynamics(), run, steps).map_err(|e| FitError::unsuited(run, e))?;
-    simulator.suits(start).map_err(|e| FitError::unsuited(run, e))?;
+    let simulator = suited(model, run, start, steps)?;
     let (name, measured, start) = (run.name.clone(), run.measured.clone(), start.to_vec());
     Ok(ProblemRun { name, response: RunResponse::in_time(simulator), measured, start })
 }

@@ -12,13 +12,11 @@ use super::loss::Loss;
 use super::options::FitOptions;
 use crate::estimation::estimate::{Estimate, ParameterEstimate, RunFit, matches};
 use crate::estimation::solve::estimate;
-use crate::problem::derived::DerivedQuantities;
 use crate::problem::noise::Noise;
-use crate::problem::response::RunResponse;
-use crate::problem::{Options, Problem, ProblemRun};
+use crate::problem::{Options, Problem};
 use crate::work::termination::Termination;
 use fdm_system::record::Run;
-use fdm_system::simulate::Simulator;
+use fdm_system::simulate::Steps;
 use std::f64::consts::TAU;
 
 /// Most rounds.
@@ -102,22 +100,10 @@ struct Fitting<'f> {
 impl Fitting<'_> {
     /// Squares of pseudo-values (N by q for each run).
     fn estimate(&self, values: &[Vec<f64>], options: &Options) -> Result<Estimate, FitError> {
-        let Attempt { model, runs, starts, work, .. } = self.from;
-        let mut prepared = Vec::with_capacity(runs.len());
-        for (r, (run, theta)) in runs.iter().zip(starts).enumerate() {
-            let steps = self.fit.integration[r].steps.clone();
-            let simulator = Simulator::new(model.dynamics(), run, steps);
-            let mut simulator = simulator.map_err(|e| FitError::unsuited(run, e))?;
-            simulator.suits(theta).map_err(|e| FitError::unsuited(run, e))?;
-            let (name, measured, start) = (run.name.clone(), values[r].clone(), theta.clone());
-            prepared.push(ProblemRun { name, response: RunResponse::in_time(simulator), measured, start });
-        }
-        let derived = DerivedQuantities::of(model.definition(), model.dynamics());
-        let mut problem = Problem::new(model.definition(), prepared, derived);
-        if let Some(first) = starts.first() {
-            problem.params.iter_mut().zip(first).filter(|(p, _)| !p.per_run).for_each(|(p, v)| p.value = *v);
-        }
-        estimate(&mut problem, options, work).map_err(FitError::Problem)
+        let steps: Vec<Steps> = self.fit.integration.iter().map(|a| a.steps.clone()).collect();
+        let mut problem = Problem { bare: false, ..self.from.problem(&steps)? };
+        problem.runs.iter_mut().zip(values).for_each(|(run, values)| run.measured.clone_from(values));
+        estimate(&mut problem, options, self.from.work).map_err(FitError::Problem)
     }
 }
 

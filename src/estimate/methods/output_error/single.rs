@@ -8,16 +8,14 @@ use crate::estimation::solve::estimate;
 use crate::methods::output_error::error::FitError;
 use crate::methods::output_error::fit::Fit;
 use crate::methods::output_error::integration_fault::{IntegrationFault, is_moving};
+use crate::problem::Problem;
 use crate::problem::changes::Changes;
-use crate::problem::derived::DerivedQuantities;
 use crate::problem::initial::initial_guess;
-use crate::problem::response::RunResponse;
-use crate::problem::{Problem, ProblemRun};
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::{
-    Accuracy, SOUND, Scheme, Simulator, StepOptions, Steps, UNSOUND, choose_steps, error_of, integration_error,
-    output_range, worst_errors,
+    Accuracy, SOUND, Scheme, StepOptions, Steps, UNSOUND, choose_steps, error_of, integration_error, output_range,
+    worst_errors,
 };
 
 /// Start values of all parameters (p) for each run; free initial values from the data unless they were set by hand.
@@ -163,22 +161,8 @@ pub(crate) fn chosen_steps(attempt: &Attempt<'_>) -> Result<Vec<Accuracy>, FitEr
 
 /// Runs the iteration once.
 fn correct(attempt: &Attempt<'_>, smoothness: Vec<f64>, steps: &[Steps]) -> Result<Estimate, FitError> {
-    let Attempt { model, runs, starts, options, work } = *attempt;
-    let mut prepared = Vec::with_capacity(runs.len());
-    for ((run, theta), steps) in runs.iter().zip(starts).zip(steps) {
-        let simulator = Simulator::new(model.dynamics(), run, steps.clone());
-        let mut simulator = simulator.map_err(|e| FitError::unsuited(run, e))?;
-        simulator.suits(theta).map_err(|e| FitError::unsuited(run, e))?;
-        let (name, measured, start) = (run.name.clone(), run.measured.clone(), theta.clone());
-        prepared.push(ProblemRun { name, response: RunResponse::in_time(simulator), measured, start });
-    }
-    let derived = DerivedQuantities::of(model.definition(), model.dynamics());
-    let mut problem = Problem { smoothness, bare: options.bare, ..Problem::new(model.definition(), prepared, derived) };
-    if let Some(first) = starts.first() {
-        // shared parameters go on from where a round before left them
-        problem.params.iter_mut().zip(first).filter(|(p, _)| !p.per_run).for_each(|(p, v)| p.value = *v);
-    }
-    estimate(&mut problem, &options.options, work).map_err(FitError::Problem)
+    let mut problem = Problem { smoothness, ..attempt.problem(steps)? };
+    estimate(&mut problem, &attempt.options.options, attempt.work).map_err(FitError::Problem)
 }
 
 /// Steps in use and their error at the estimates, whose responses are known.
