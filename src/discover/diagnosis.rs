@@ -47,7 +47,7 @@ pub struct NewValue {
     /// Its unit, where the model has units.
     pub unit: Option<String>,
     /// The value at which the effect vanishes; none for a nuisance.
-    #[serde(with = "maybe_infinite")]
+    #[serde(default, with = "maybe_infinite")]
     pub null: Option<f64>,
 }
 

@@ -21,9 +21,7 @@ pub fn calibration_text(found: &CalibrationDocument) -> String {
 pub fn calibration_page(found: &CalibrationDocument) -> String {
     let drawn = found.parameters.iter().take(DRAWN).enumerate().map(|(k, p)| histogram(k, p, found.done));
     let histograms = Section::new("ranks", "Histograms")
-        .with(Part::Line(
-            "Uniform where the draws are those of the posterior. The band holds 95 of 100 columns.".into(),
-        ))
+        .line("Uniform where the draws are those of the posterior. The band holds 95 of 100 columns.")
         .with(Part::Pair(drawn.collect()));
     let (trust, clause) = verdict(found);
     html::page(&Report {
@@ -61,12 +59,8 @@ fn ranks(found: &CalibrationDocument) -> Section {
     table.number("spread", |p| format!("{:.1}", p.spread));
     table.number("p", |p| format!("{:.3}", p.p));
     table.words("", |p| p.judgement(found.alone()));
-    Section::new("parameters", "Ranks of the truth").with(table).with(
-        Part::Note(
-            "Shift and spread are standard normal variates where ranks are uniform. p is that of Neyman's smooth test of order 4.".into(),
-        )
-        .on_page(),
-    )
+    let note = "Shift and spread are standard normal variates where ranks are uniform. p is that of Neyman's smooth test of order 4.";
+    Section::new("parameters", "Ranks of the truth").with(table).explained(note)
 }
 
 fn histogram(k: usize, p: &CalibratedParameter, done: usize) -> Figure {

@@ -150,9 +150,9 @@ fn criteria(comparison: &Comparison) -> Section {
     });
     Section::new("criteria", "Criteria")
         .with(table)
-        .with(Part::Note("criteria as differences to the least".into()))
-        .with_all(coloured.map(Part::Note))
-        .with_all(comparison.candidates.iter().filter_map(incomparable).map(Part::Line))
+        .note("criteria as differences to the least")
+        .notes(coloured)
+        .lines(comparison.candidates.iter().filter_map(incomparable))
         .with_all(comparison.nestings.iter().map(|n| Part::Line(nesting(n))))
 }
 
@@ -195,12 +195,7 @@ fn average(candidates: &[Candidate], averaged: &Averaged) -> Section {
     Section::new("average", "Averaged over the models")
         .with(table)
         .with_all((!averaged.outputs.is_empty()).then_some(outputs))
-        .with(
-            Part::Note(
-                "Errors hold the scatter between models: these intervals know that the structure was chosen.".into(),
-            )
-            .on_page(),
-        )
+        .explained("Errors hold the scatter between models: these intervals know that the structure was chosen.")
 }
 
 fn nesting(n: &Nesting) -> String {
@@ -282,7 +277,7 @@ fn predictions(comparison: &Comparison) -> Option<Section> {
     let lost = comparison.predictions.iter().filter(|p| !p.converged);
     let lost = lost.map(|p| format!("{}: initial states and biases of the validation runs were not found", p.name));
     let section = Section::new("predictions", "Validation data").with(outputs("validation", matches.collect()));
-    Some(section.with_all(lost.map(Part::Line)).with_all(comparison.edges.iter().map(|e| Part::Line(edge(e)))))
+    Some(section.lines(lost).with_all(comparison.edges.iter().map(|e| Part::Line(edge(e)))))
 }
 
 /// Size of the residual of every output of any result.
@@ -306,7 +301,7 @@ fn edge(e: &Edge) -> String {
     let Edge { output, best, other, advantage } = e;
     let Some(a) = advantage else {
         return format!(
-            "{output}: whether {best} predicts better than {other} cannot be told: too little is independent"
+            "{output}: whether {best} predicts better than {other} cannot be determined: too little is independent"
         );
     };
     let size =
@@ -372,7 +367,7 @@ mod tests {
         assert!(said.starts_with("y: a leaves 25.0 ± 20.0 % less") && said.ends_with("could be chance"), "{said}");
         let said = edge(&of(Some(Advantage { p_value: 1e-9, ..advantage })));
         assert!(said.ends_with("(p < 0.001); a predicts better"), "{said}");
-        assert!(edge(&of(None)).contains("cannot be told"));
+        assert!(edge(&of(None)).contains("cannot be determined"));
     }
 
     #[test]

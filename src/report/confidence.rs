@@ -44,7 +44,7 @@ pub(crate) fn section(subject: &Subject) -> Option<Section> {
     let section = Section::new("lengths", "By length of the record")
         .with_all(said.map(|said| Part::Line(said.into())))
         .with_all((!figures.is_empty()).then_some(Part::Pair(figures)))
-        .with_all((more > 0).then(|| Part::Note(format!("{more} more are in the result's JSON."))))
+        .notes((more > 0).then(|| format!("{more} more are in the result's JSON.")))
         .with_all([by_length, weights(fit)].into_iter().flatten().flatten());
     (!section.parts.is_empty()).then_some(section)
 }

@@ -1,6 +1,6 @@
 //! What the next runs would determine: a table of parameters, one of manoeuvres.
 
-use super::section::{Part, Rows, Section};
+use super::section::{Rows, Section};
 use crate::text;
 use fdm_results::documents::design::{Design, Distinction, Gain, Manoeuvre, Outlook};
 use fdm_results::documents::digits;
@@ -21,10 +21,10 @@ pub fn design_table(design: &Design, model: &Model) -> String {
     let now = design.undetermined_now.iter().map(|d| format!("not determined so far: {}", d.sentence));
     let then = design.undetermined_then.iter().map(|d| format!("no manoeuvre here would determine: {}", d.sentence));
     let section = Section::new("design", "The next runs")
-        .with_all(runs.map(Part::Line))
+        .lines(runs)
         .with(parameters(design, &time))
         .with(manoeuvres(design, model, &time))
-        .with_all(now.chain(then).chain(lost(&design.lost, &time)).map(Part::Line));
+        .lines(now.chain(then).chain(lost(&design.lost, &time)));
     text::sections(&[section])
 }
 
@@ -46,9 +46,9 @@ pub fn distinction_table(found: &Distinction, model: &Model) -> String {
     let unclear = found.separations.first().filter(|s| s.mean() < CLEAR);
     let unclear = unclear.map(|_| "no manoeuvre here separates them clearly: larger or longer ones would".to_string());
     let section = Section::new("design", "The next runs")
-        .with_all(runs.map(Part::Line))
+        .lines(runs)
         .with(table)
-        .with_all(lost(&found.lost, &time).into_iter().chain(unclear).map(Part::Line));
+        .lines(lost(&found.lost, &time).into_iter().chain(unclear));
     text::sections(&[section])
 }
 

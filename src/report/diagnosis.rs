@@ -3,10 +3,10 @@
 
 use super::section::{Part, Rows, Section, Trust, Verdict as Judged};
 use crate::equations::{Line, lines, shown as set};
+use crate::page::columns::{Column, Columns};
 use crate::page::figure::{Figure, Look, Mark, Panel, Shape};
 use crate::page::number::{bracketed, unit_of_frequency};
 use crate::page::subject::Subject;
-use crate::page::table::{Column, Table as Columns};
 use crate::page::thinning::Kept;
 use crate::text;
 use fdm_discover::{Biased, Cause, CurvePoint, Detectable, FrontModel, LackOfFit, OutputGain, PlaceKind, Verdict};
@@ -29,12 +29,8 @@ const MOVED: f64 = 1.0;
 
 /// Sentences and tables.
 pub fn diagnosis_text(found: &DiagnosisDocument) -> String {
-    let unexplained = OutputGain::unexplained(&found.outputs).into_iter().map(|(output, r2)| {
-        let r2 = fixed(Some(r2), 2);
-        format!("The model as it was given explains nothing of {output} (R^2 {r2}): look at its structure and its start values first.\n")
-    });
-    let stopped = is_cut_short(found).then(|| "The search was stopped before its end.\n".into());
-    let head: String = unexplained.chain([format!("{}\n", verdict(found).sentence)]).chain(stopped).collect();
+    let stopped = is_cut_short(found).then(|| "The search was stopped before its end.".into());
+    let head = unexplained(found).chain([verdict(found).sentence]).chain(stopped).map(|said| format!("{said}\n"));
     let all = [
         Some(wrong(found, "")),
         Some(causes(found)),
@@ -46,7 +42,7 @@ pub fn diagnosis_text(found: &DiagnosisDocument) -> String {
         Some(detectable(found)).filter(|_| found.causes.is_empty()),
         Some(ended(found)),
     ];
-    text::below(head, &all.into_iter().flatten().collect::<Vec<_>>())
+    text::below(head.collect(), &all.into_iter().flatten().collect::<Vec<_>>())
 }
 
 /// The sections of a diagnosis.
@@ -81,9 +77,6 @@ pub(crate) fn verdict(found: &DiagnosisDocument) -> Judged {
         (Verdict::NoEffectFound, false) => "No missing effect detected",
     };
     let is_clean = found.verdict == Verdict::NoEffectFound && !found.stopped;
-    let unexplained = OutputGain::unexplained(&found.outputs).into_iter().map(|(output, r2)| {
-        format!("The model as it was given explains nothing of {output} (R² {})", fixed(Some(r2), 2))
-    });
     let causes = found
         .causes
         .iter()
@@ -94,11 +87,19 @@ pub(crate) fn verdict(found: &DiagnosisDocument) -> Judged {
         if is_clean { Trust::Good } else { Trust::Reserved },
         format!("{said} (family-wise p = {}).", chance(found.family_wise_p)),
     )
-    .with_points(unexplained, "gain")
+    .with_points(unexplained(found), "gain")
     .with_points(stopped, "wrong")
     .with_points(causes, "causes")
     .with_points(lacks(found).map(str::to_string), "wrong")
     .with_points(found.residual_analysis.iter().cloned(), "wrong")
+}
+
+/// Outputs of which the model explains nothing: what is found beside such a fit may be about the fit.
+fn unexplained(found: &DiagnosisDocument) -> impl Iterator<Item = String> {
+    OutputGain::unexplained(&found.outputs).into_iter().map(|(output, r2)| {
+        let r2 = fixed(Some(r2), 2);
+        format!("The model as it was given explains nothing of {output} (R^2 {r2}): look at its structure and its start values first.")
+    })
 }
 
 /// Whether the search was stopped after something was found.
@@ -149,7 +150,7 @@ fn wrong(found: &DiagnosisDocument, time: &str) -> Section {
         .with_all(said)
         .with_all(odds)
         .with_all(places)
-        .with_all(laws.chain(found.residual_analysis.iter().cloned()).map(Part::Line))
+        .lines(laws.chain(found.residual_analysis.iter().cloned()))
         .with_all(law.into_iter().flatten())
 }
 
@@ -188,7 +189,7 @@ fn entrance(kind: PlaceKind) -> &'static str {
     }
 }
 
-/// All of them.
+/// All figures of a diagnosis.
 pub(crate) fn figures(subject: &Subject, found: &DiagnosisDocument) -> Vec<Figure> {
     let time = subject.time();
     let lack_of_fit = found
@@ -276,7 +277,7 @@ fn nearest(found: &DiagnosisDocument) -> Option<Section> {
     let search = found.searches.first().filter(|_| found.causes.is_empty())?;
     let mut table = Rows::over(search.ranking.iter().take(NEAREST));
     table.name("nearest candidates", |s| s.place.clone());
-    table.number("promised gain", |s| format!("{:.1}", s.gain));
+    table.number("predicted gain", |s| format!("{:.1}", s.gain));
     table.number("chance by itself", |s| chance(s.chance));
     Some(Section::new("nearest", "What came nearest").with(table))
 }
@@ -324,7 +325,7 @@ fn front(found: &DiagnosisDocument) -> Option<Section> {
     });
     let note = "Each model as it is written: fitted once more by plain output error, and simulated. Errors are parts of that of the model \
                 as it was given, the mean over outputs.";
-    let section = Section::new("best-models", "Best models by size").with(Part::Note(note.into()).on_page());
+    let section = Section::new("best-models", "Best models by size").explained(note);
     Some(section.with_all(front_figure(found)).with(table))
 }
 
@@ -420,7 +421,7 @@ fn gained(found: &DiagnosisDocument) -> Section {
     let gains = found.gains.iter().map(|g| {
         format!("{} ({}): log-likelihood gains {:.1} +- {:.1}", g.run, role(g.validation), g.gain, g.deviation)
     });
-    Section::new("gain", "Before and after").with(table).with_all(gains.map(Part::Line))
+    Section::new("gain", "Before and after").with(table).lines(gains)
 }
 
 /// Validation runs stand first.
@@ -532,7 +533,7 @@ fn ended(found: &DiagnosisDocument) -> Section {
     Section::new("search", "The search")
         .with_all(feedback(found))
         .with(Part::Gap)
-        .with_all(said.chain(band).chain(found.notes.iter().cloned()).chain(left_out).map(Part::Line))
+        .lines(said.chain(band).chain(found.notes.iter().cloned()).chain(left_out))
 }
 
 /// Inputs that move with the states, and what that hides.

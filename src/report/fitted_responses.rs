@@ -35,9 +35,9 @@ pub fn fitted_response_table(fit: &ResponseFit, detail: Detail) -> String {
     let remarks = remark_lines(&estimate_remarks(&fit.estimate), detail);
     let last = left_out.into_iter().chain(incoherent).map(Part::Line).chain(remarks).collect();
     let section = Section::new("fit", "Fit")
-        .with(Part::Line(band(fit)))
-        .with_all(trimmed_at(&fit.model, fit.trim.as_ref()).map(Part::Line))
-        .with_all(first_values(&fit.starting_values).map(Part::Line))
+        .line(band(fit))
+        .lines(trimmed_at(&fit.model, fit.trim.as_ref()))
+        .lines(first_values(&fit.starting_values))
         .with(parameters::table(&fit.parameters(), detail.intervals))
         .with_all((!found.sensitivities.is_empty()).then(|| sensitivities(&found.sensitivities)))
         .with_all((!found.pairs.is_empty()).then(|| costs(&found)));

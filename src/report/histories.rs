@@ -1,12 +1,11 @@
 //! What was measured beside what the model answers, output by output, with the residual beneath on the same axis.
 
-use super::section::Section;
+use super::section::{Part, Section};
+use crate::page::columns::{Column, Columns};
 use crate::page::figure::{Figure, Look, Mark, Panel, Shape};
 use crate::page::number::{bracketed, shown};
 use crate::page::subject::Subject;
-use crate::page::table::{Column, Table};
 use crate::page::thinning::Kept;
-use maud::html;
 
 /// Points of all figures together, and of one at least and at most.
 const POINTS: usize = 150_000;
@@ -20,22 +19,15 @@ const PARTS: [&str; 6] = ["model", "residual", "low", "high", "measured_low", "m
 const INPUTS: usize = 6;
 
 pub(crate) fn section(subject: &Subject) -> Option<Section> {
-    if subject.runs.is_empty() {
-        return None;
-    }
     let most = most(subject);
-    let content = html! {
-        @for (k, (run, table)) in subject.runs.iter().enumerate() {
-            details.run open[k < OPEN] {
-                summary { (run) }
-                @for figure in figures_of(subject, k, run, table, most) { (figure.markup()) }
-            }
-        }
-    };
-    Some(Section::drawn("histories", "Time histories", content))
+    let runs = subject.runs.iter().enumerate().map(|(k, (run, table))| {
+        let figures = figures_of(subject, k, run, table, most).into_iter().map(Part::from).collect();
+        Part::Folded { summary: run.clone(), open: k < OPEN, class: "run", parts: figures }
+    });
+    (!subject.runs.is_empty()).then(|| Section::new("histories", "Time histories").with_all(runs))
 }
 
-/// All of them, run by run.
+/// All time histories, run by run.
 pub(crate) fn figures(subject: &Subject) -> Vec<Figure> {
     let most = most(subject);
     let runs = subject.runs.iter().enumerate();
@@ -44,17 +36,17 @@ pub(crate) fn figures(subject: &Subject) -> Vec<Figure> {
 
 /// Points of one figure.
 fn most(subject: &Subject) -> usize {
-    let outputs = |table: &Table| table.columns.iter().filter(|c| is_output(table, c)).count();
+    let outputs = |table: &Columns| table.columns.iter().filter(|c| is_output(table, c)).count();
     let figures: usize = subject.runs.iter().map(|(_, table)| outputs(table) + 1).sum();
     (POINTS / figures.max(1)).clamp(FEWEST, MOST)
 }
 
-fn is_output(table: &Table, column: &Column) -> bool {
+fn is_output(table: &Columns, column: &Column) -> bool {
     table.column(&format!("{}_model", column.name)).is_some()
         && table.column(&format!("{}_residual", column.name)).is_some()
 }
 
-fn figures_of(subject: &Subject, k: usize, run: &str, table: &Table, most: usize) -> Vec<Figure> {
+fn figures_of(subject: &Subject, k: usize, run: &str, table: &Columns, most: usize) -> Vec<Figure> {
     let Some(time) = table.columns.first() else { return Vec::new() };
     let outputs: Vec<&Column> = table.columns.iter().filter(|c| is_output(table, c)).collect();
     let part = |c: &Column| {
@@ -71,7 +63,7 @@ fn figures_of(subject: &Subject, k: usize, run: &str, table: &Table, most: usize
     overlaid.chain(given).collect()
 }
 
-fn overlay(id: &str, k: usize, caption: String, table: &Table, [time, output]: [&Column; 2], most: usize) -> Figure {
+fn overlay(id: &str, k: usize, caption: String, table: &Columns, [time, output]: [&Column; 2], most: usize) -> Figure {
     let other = |kind: &str| table.column(&format!("{}_{kind}", output.name)).map_or(&[][..], |c| &c.values);
     let (model, residual) = (other("model"), other("residual"));
     let kept = Kept::new(&[&output.values, model, residual], most);

@@ -108,7 +108,7 @@ fn part(part: &Part) -> Markup {
         Part::Note(said) => html! { p.note { (quoted(said)) } },
         Part::Warning(said) => html! { p.warning { (quoted(said)) } },
         Part::Heading(said) => html! { h3 { (quoted(said)) } },
-        Part::List(items) => html! { ul { @for item in items { li { (quoted(item)) } } } },
+        Part::List(items) => html! { @if !items.is_empty() { ul { @for item in items { li { (quoted(item)) } } } } },
         Part::Table(own) => table(own),
         Part::Figure(figure) => figure.markup(),
         Part::Pair(figures) => html! { div.pair { @for figure in figures { (Figure::markup(figure)) } } },

@@ -43,9 +43,9 @@ fn progress(status: &JobStatus) -> Section {
     let table = Part::from(table);
     Section::new("progress", "How far it is")
         .with(Part::Markup(html! { progress max=(tasks) value=(done) {} }))
-        .with(Part::Line(format!("{folder}: {done} of {tasks} tasks are done{left}")))
+        .line(format!("{folder}: {done} of {tasks} tasks are done{left}"))
         .with(if status.commands.len() > 1 { table } else { table.on_page() })
-        .with(Part::Note(format!("Plan `{}`, {} file(s) with results.", status.plan, status.files)).on_page())
+        .explained(format!("Plan `{}`, {} file(s) with results.", status.plan, status.files))
 }
 
 fn shards(status: &JobStatus) -> Section {

@@ -13,42 +13,37 @@ const HEIGHT: f64 = 16.0;
 /// Verdict, requirements, modes, and what is to be said of them.
 pub fn margins_text(margins: &MarginsDocument) -> String {
     let run = margins.run.as_ref().map_or(String::new(), |run| format!(", run {run}"));
-    let mut text = format!("{}: margins of the result in {}{run}\n", margins.model, margins.result);
-    let wanted: Vec<&Assessment> = margins.requirements.iter().filter(|r| r.probability.is_some()).collect();
-    if !wanted.is_empty() {
-        let sure = wanted.iter().filter(|r| r.probability.is_some_and(|p| p >= 0.95)).count();
-        let broken = wanted.iter().filter(|r| r.probability.is_some_and(|p| p <= 0.05)).count();
-        let open = wanted.len() - sure - broken;
-        text.push_str(&format!(
-            "of {} requirements {sure} hold with 95 % probability or more, {broken} with 5 % or less, {open} are open\n",
-            wanted.len()
-        ));
-    }
-    if !margins.requirements.is_empty() {
-        text.push_str(&format!("\n{}", text::table(table(&margins.requirements))));
-    }
+    let head = format!("{}: margins of the result in {}{run}", margins.model, margins.result);
     let said = remarks(margins);
-    said.iter().take(REMARKS).for_each(|said| text.push_str(&format!("\n{said}")));
-    if said.len() > REMARKS {
-        text.push_str(&format!("\n{} more remarks: --json", said.len() - REMARKS));
-    }
-    if margins.requirements.is_empty() {
-        text.push_str(
-            "\nthe model has no requirements: --requirement 'NAME = EXPRESSION in [LOWER, UPPER]' asks for one\n",
-        );
-    } else if !text.ends_with('\n') {
-        text.push('\n');
-    }
-    if !margins.modes.is_empty() {
-        text.push_str(&format!(
-            "\nmodes, with 95 % intervals\n\n{}",
-            modes_with_intervals(&margins.modes, &margins.time)
-        ));
-    }
-    if let Some(why) = &margins.no_modes {
-        text.push_str(&format!("\nno modes: {why}\n"));
-    }
-    text
+    let more = said.len().saturating_sub(REMARKS);
+    let more = (more > 0).then(|| format!("{more} more remarks: --json"));
+    let none = margins.requirements.is_empty().then(|| {
+        "the model has no requirements: --requirement 'NAME = EXPRESSION in [LOWER, UPPER]' asks for one".to_string()
+    });
+    let lines: Vec<String> = said.into_iter().take(REMARKS).chain(more).chain(none).collect();
+    let requirements = Section::new("requirements", "Requirements")
+        .lines(std::iter::once(head).chain(verdict(margins)))
+        .with_all((!margins.requirements.is_empty()).then(|| table(&margins.requirements)))
+        .with_all((!lines.is_empty()).then_some(Part::Gap))
+        .lines(lines);
+    let modes = (!margins.modes.is_empty()).then(|| {
+        let heading = Part::Heading("modes, with 95 % intervals".into());
+        [heading, modes_with_intervals(&margins.modes, &margins.time).into()]
+    });
+    let no_modes = margins.no_modes.iter().map(|why| Part::Heading(format!("no modes: {why}")));
+    let modes = Section::new("modes", "Modes").with_all(modes.into_iter().flatten()).with_all(no_modes);
+    text::sections(&[requirements, modes])
+}
+
+/// How many of the requirements hold; none where no probability is known.
+fn verdict(margins: &MarginsDocument) -> Option<String> {
+    let known: Vec<f64> = margins.requirements.iter().filter_map(|r| r.probability).collect();
+    let sure = known.iter().filter(|p| **p >= 0.95).count();
+    let broken = known.iter().filter(|p| **p <= 0.05).count();
+    let (all, open) = (known.len(), known.len() - sure - broken);
+    (all > 0).then(|| {
+        format!("of {all} requirements {sure} hold with 95 % probability or more, {broken} with 5 % or less, {open} are open")
+    })
 }
 
 /// Name with unit, value, interval, limits, probability, and how they were found.
@@ -91,8 +86,8 @@ pub(crate) fn section(requirements: &[Assessment]) -> Option<Section> {
     if requirements.iter().any(|r| r.by == Some(By::Draws)) {
         note.push_str(" Where a requirement is not linear in them, interval and probability come from draws.");
     }
-    let section = Section::new("requirements", "Requirements").with(table).with_all(valueless.map(Part::Line));
-    (!requirements.is_empty()).then(|| section.with(Part::Note(note)))
+    let section = Section::new("requirements", "Requirements").with(table).lines(valueless);
+    (!requirements.is_empty()).then(|| section.note(note))
 }
 
 /// The interval as a line, the value as a point, the limits as strokes.
@@ -158,7 +153,7 @@ fn remarks(margins: &MarginsDocument) -> Vec<String> {
 }
 
 /// One row for each mode, a pair in one.
-fn modes_with_intervals(modes: &[ModeMargin], time: &str) -> String {
+fn modes_with_intervals<'a>(modes: &'a [ModeMargin], time: &str) -> Rows<&'a ModeMargin> {
     let number = |v: f64, interval: Option<[f64; 2]>| match interval {
         Some([low, high]) => {
             let significant = digits_by_error(v, 0.25 * (high - low), 2).unwrap_or(4);
@@ -183,5 +178,5 @@ fn modes_with_intervals(modes: &[ModeMargin], time: &str) -> String {
     });
     table.number(&format!("time to half [{time}]"), |m| open(m.time_to_half, m.time_to_half_interval));
     table.number(&format!("time to double [{time}]"), |m| open(m.time_to_double, m.time_to_double_interval));
-    text::table(table)
+    table
 }

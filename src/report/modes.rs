@@ -36,7 +36,7 @@ pub(crate) fn section(found: &ModesDocument) -> Section {
     let (modes, time) = (&found.modes, time(found));
     let section = Section::new("modes", "Modes");
     if let Some(why) = &found.left_out {
-        return section.with(Part::Line(format!("There is no map of the modes here: {why}.")));
+        return section.line(format!("There is no map of the modes here: {why}."));
     }
     let rays = DAMPING.map(|d| d.to_string()).join(", ");
     let drawn = (!modes.is_empty()).then(|| {

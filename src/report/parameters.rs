@@ -57,7 +57,7 @@ pub(crate) fn section(subject: &Subject) -> Option<Section> {
     (!parameters.is_empty()).then(|| {
         Section::new("parameters", "Parameters")
             .with(table)
-            .with(Part::Note(note.into()))
+            .note(note)
             .with_all(undetermined.map(|direction| Part::Warning(format!("Not determined: {}", direction.sentence))))
             .with_all(deviations.map(|all| self::table(all, true).below("Measurement noise:")))
     })

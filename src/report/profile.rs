@@ -21,7 +21,7 @@ pub fn profile_table(profiles: &[Profile]) -> String {
 /// A page of profiles of a model's parameters.
 pub fn profile_page(model: &str, profiles: &[Profile]) -> String {
     let rises = Section::new("profiles", "Rise of the cost")
-        .with(Part::Line("Where the cost lies on the parabola, the interval by the error is right. The limit is what chance explains in 95 of 100 records.".into()))
+        .line("Where the cost lies on the parabola, the interval by the error is right. The limit is what chance explains in 95 of 100 records.")
         .with(Part::Pair(figures(profiles)));
     html::page(&Report {
         kind: "profile likelihood",
@@ -89,7 +89,7 @@ fn intervals(profiles: &[Profile]) -> Section {
     Section::new("intervals", "Intervals")
         .with(table)
         .with(Part::Gap)
-        .with(Part::Note("below, above: how far the interval by the cost reaches, over that by the error".into()))
+        .note("below, above: how far the interval by the cost reaches, over that by the error")
         .with_all(said)
         .with_all(more)
         .with_all(colour(profiles))

@@ -2,6 +2,7 @@
 
 use super::plot::TimeHistory;
 use super::section::{Part, Rows, Section};
+use crate::regression::{left_out, not_estimated};
 use crate::text;
 use fdm_estimate::equation_error::RecursiveParameter;
 use fdm_estimate::{BestIterate, Criterion};
@@ -35,16 +36,13 @@ pub fn recursive_table(found: &BestIterate) -> String {
     };
     let (count, time) = (r.iterates.len(), digits(best.time, 5));
     let chosen = format!("iterate {} of {count}, at {time} of `{}`: {how}", found.best + 1, r.runs[best.run].name);
-    let left_out = r.refused.iter().map(|r| format!("left out: {r}"));
-    let kept = r.kept.iter().map(|n| format!("`{n}`")).collect::<Vec<_>>().join(", ");
-    let kept = (!kept.is_empty()).then(|| format!("not estimated, so that their values stay: {kept}"));
     let section = Section::new("recursion", "Recursive least squares")
         .with(table)
         .with(Part::Gap)
-        .with(Part::Line(chosen))
-        .with_all(simulated(found).into_iter().map(Part::Line))
+        .line(chosen)
+        .lines(simulated(found))
         .with(history(found))
-        .with_all(left_out.chain(kept).map(Part::Line));
+        .lines(left_out(&r.refused).chain(not_estimated(&r.kept)));
     text::sections(&[section])
 }
 

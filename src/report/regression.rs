@@ -1,7 +1,7 @@
 //! Equation error: how well each measured rate is met, by what, the structures that a search found, and how the estimates depend on the data
 //! that were used.
 
-use super::section::{Part, Rows, Section, Trust, Verdict};
+use super::section::{Part, Rows, Section, Trust, Verdict, capital};
 use crate::page::figure::{Figure, Look, Mark, Panel, Shape};
 use crate::page::number::bracketed;
 use crate::page::subject::Subject;
@@ -10,6 +10,7 @@ use fdm_estimate::equation_error::{
     Chosen, Component, Dependence, EquationErrorFit, EquationQuality, Regressed, Structure,
 };
 use fdm_results::documents::{KeptParameter, RegressionDocument, digits, with_run};
+use std::fmt::Display;
 
 /// A rate of which less is explained is named.
 const LITTLE: f64 = 0.5;
@@ -76,7 +77,7 @@ fn name(p: &Regressed) -> String {
 
 /// What can be said in a sentence, and what speaks against the estimates.
 pub(crate) fn verdict(found: &RegressionDocument) -> Verdict {
-    let refused = found.refused.iter().map(|r| format!("Left out: {}", r.reason));
+    let refused = left_out(&found.refused).map(|said| capital(&said));
     let equations: Vec<&EquationQuality> = found.fits.iter().flat_map(|f| &f.equations).collect();
     let Some(worst) = equations.iter().min_by(|a, b| a.r_squared.total_cmp(&b.r_squared)) else {
         return Verdict::new(Trust::Bad, "No equation is a regression.").with_points(refused, "regressions");
@@ -93,11 +94,9 @@ pub(crate) fn verdict(found: &RegressionDocument) -> Verdict {
         let together = together.iter().map(|names| {
             format!("The data hardly tell apart `{}`; they share what is known of them", names.join("`, `"))
         });
-        let unseen = fit.not_identifiable.iter().map(|u| format!("`{u}` is multiplied by nothing in these data"));
-        together.chain(unseen).collect::<Vec<_>>()
+        together.chain(unseen(fit)).collect::<Vec<_>>()
     };
-    let kept = (!found.kept.is_empty())
-        .then(|| format!("Not estimated, so that their values stay: `{}`", found.kept.join("`, `")));
+    let kept = not_estimated(&found.kept).map(|said| capital(&said));
     let mut verdict =
         Verdict::new(Trust::Good, format!("{many} explains {} % of {}.", percent(worst, 4), worst.equation))
             .with_points(little.chain(found.fits.iter().flat_map(of_fit)).chain(refused), "regressions")
@@ -116,13 +115,28 @@ fn regressions(found: &RegressionDocument) -> Section {
     noise.span("deviation", |n| digits(n.deviation, 3));
     noise.span("cut-off", |n| digits(n.cutoff, 3));
     let noise = (!found.noise.is_empty()).then(|| [noise.into(), Part::Gap]);
-    let refused = found.refused.iter().map(|r| format!("left out: {}", r.reason));
-    let kept = found.kept.iter().map(|n| format!("`{n}`")).collect::<Vec<_>>().join(", ");
-    let kept = (!kept.is_empty()).then(|| format!("not estimated, so that their values stay: {kept}"));
     Section::new("regressions", "Regressions")
         .with_all(found.fits.iter().flat_map(fitted))
         .with_all(noise.into_iter().flatten())
-        .with_all(refused.chain(kept).map(Part::Line))
+        .lines(left_out(&found.refused).chain(not_estimated(&found.kept)))
+}
+
+/// Equations that are no regressions.
+pub(crate) fn left_out(refused: &[impl Display]) -> impl Iterator<Item = String> {
+    refused.iter().map(|refusal| format!("left out: {refusal}"))
+}
+
+/// Free parameters that none of the regressions gives.
+pub(crate) fn not_estimated(names: &[String]) -> Option<String> {
+    let list = names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ");
+    (!names.is_empty()).then(|| format!("not estimated, so that their values stay: {list}"))
+}
+
+/// What the data say nothing of.
+fn unseen(fit: &EquationErrorFit) -> impl Iterator<Item = String> {
+    fit.not_identifiable.iter().map(|name| {
+        format!("`{name}` is multiplied by nothing in these data (a constant has no part above zero frequency)")
+    })
 }
 
 fn fitted(fit: &EquationErrorFit) -> Vec<Part> {
@@ -133,9 +147,6 @@ fn fitted(fit: &EquationErrorFit) -> Vec<Part> {
             format!("{}: R^2 {r_squared}, residual {rms} over {rows} rows", e.equation)
         }
     });
-    let unseen = fit.not_identifiable.iter().map(|name| {
-        format!("`{name}` is multiplied by nothing in these data (a constant has no part above zero frequency)")
-    });
     let mut parts: Vec<Part> = explained.map(Part::Line).chain([Part::Gap]).collect();
     if !fit.parameters.is_empty() {
         parts.push(parameters(&fit.parameters).into());
@@ -143,7 +154,7 @@ fn fitted(fit: &EquationErrorFit) -> Vec<Part> {
     if fit.components.len() > 1 {
         parts.push(components(fit).into());
     }
-    parts.extend(reason(fit).into_iter().chain(unseen).map(Part::Line).chain([Part::Gap]));
+    parts.extend(reason(fit).into_iter().chain(unseen(fit)).map(Part::Line).chain([Part::Gap]));
     parts
 }
 
@@ -207,15 +218,15 @@ fn reason(fit: &EquationErrorFit) -> Option<String> {
 /// Of regressions, where there are any.
 pub(crate) fn sections(subject: &Subject) -> Vec<Section> {
     let Some(found) = subject.regression().filter(|found| !found.fits.is_empty()) else { return Vec::new() };
-    let note = "Noise of measured states enters the columns of a regression, which draws its estimates towards zero; output error does not suffer from that.";
-    let regressions = regressions(found).with(Part::Note(note.into())).with_all(component_figures(found));
+    let note = "Noise of measured states enters the columns of a regression, which biases its estimates towards zero; output error does not suffer from that.";
+    let regressions = regressions(found).note(note).with_all(component_figures(found));
     let drawn = dependence_figures(found, &subject.frequency());
     let tables = [("highest", &found.by_cutoff), ("part", &found.by_length)];
     let tables = tables.into_iter().flat_map(|(at, rows)| depending(at, rows.as_deref().unwrap_or_default())).collect();
     let said = "Every estimate, with two standard errors, over the highest frequency and over the part of the records that is used.";
     let dependence = (!drawn.is_empty()).then(|| {
         Section::new("dependence", "Dependence on the data")
-            .with(Part::Line(said.into()))
+            .line(said)
             .with(Part::Pair(drawn))
             .with(Part::folded("as a table", tables))
     });

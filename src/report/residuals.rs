@@ -72,12 +72,12 @@ pub(crate) fn section(subject: &Subject) -> Option<Section> {
         Section::new("residuals", "Residuals")
             .with(table(outputs))
             .with_all(predicted.into_iter().flatten())
-            .with(Part::Note(note.into()))
+            .note(note)
             .with_all(figures)
     })
 }
 
-/// All of them, output by output.
+/// All figures of residuals, output by output.
 pub(crate) fn figures(subject: &Subject) -> Vec<Figure> {
     let time = subject.time();
     let tested = subject.outputs().iter().enumerate().filter_map(|(k, o)| Some((k, o, o.white()?)));

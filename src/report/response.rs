@@ -38,9 +38,9 @@ pub fn responses_page(model: &str, found: &FrequencyResponseEstimate, names: &Re
     let (trust, sentence, points) = coherence_verdict(&counts);
     let more = all.len().saturating_sub(DRAWN);
     let responses = Section::new("responses", "Frequency responses")
-        .with(Part::Note("Bands are one random error, as the coherence tells it.".into()))
+        .note("Bands are one random error, as the coherence tells it.")
         .with(Part::Pair(figures(&all[..all.len().min(DRAWN)], names)))
-        .with_all((more > 0).then(|| Part::Note(format!("{more} more pairs are in the JSON."))));
+        .notes((more > 0).then(|| format!("{more} more pairs are in the JSON.")));
     html::page(&Report {
         kind: "frequency responses",
         name: model.into(),
@@ -129,9 +129,8 @@ fn coherences(all: &[Pair<'_>], unit: &str) -> Section {
     });
     table.number(&format!("from [{unit}]"), |pair| shown(pair.coherent().next()));
     table.number(&format!("to [{unit}]"), |pair| shown(pair.coherent().next_back()));
-    Section::new("pairs", "Pairs").with(table).with(Part::Note(
-        "Coherent: at so many frequencies the input explains 0.6 or more of what the other inputs leave of the output."
-            .into(),
+    Section::new("pairs", "Pairs").with(table).note(format!(
+        "Coherent: at so many frequencies the input explains {COHERENT} or more of what the other inputs leave of the output."
     ))
 }
 

@@ -74,12 +74,8 @@ fn parameters(found: &SampleDocument) -> Section {
     table.number("bulk", |p| count(p.bulk));
     table.number("tail", |p| count(p.tail));
     table.words("unit", |p| p.unit.clone().filter(|u| u != "1").unwrap_or_default());
-    Section::new("parameters", "Parameters").with(table).with(
-        Part::Note(
-            "R-hat is 1 where the chains agree. Bulk and tail are effective numbers of draws, for the middle and for the ends of the interval.".into(),
-        )
-        .on_page(),
-    )
+    let note = "R-hat is 1 where the chains agree. Bulk and tail are effective numbers of draws, for the middle and for the ends of the interval.";
+    Section::new("parameters", "Parameters").with(table).explained(note)
 }
 
 fn chains(found: &SampleDocument, draws: &ArvizDocument) -> Option<Section> {
@@ -91,9 +87,9 @@ fn chains(found: &SampleDocument, draws: &ArvizDocument) -> Option<Section> {
     let agree = "Chains that agree look alike: their traces cross each other all the time, and each has all ranks equally often.";
     (!pairs.is_empty()).then(|| {
         Section::new("chains", "Traces and ranks")
-            .with(Part::Line(agree.into()))
+            .line(agree)
             .with_all(pairs)
-            .with_all((more > 0).then(|| Part::Note(format!("{more} more are in the file of `--arviz`."))))
+            .notes((more > 0).then(|| format!("{more} more are in the file of `--arviz`.")))
     })
 }
 
@@ -105,9 +101,9 @@ fn predictions(found: &SampleDocument, draws: &ArvizDocument) -> Option<Section>
         "Of the draws 95 % have their response within the darker band, and a new measurement within the lighter one.";
     (!found.bands.is_empty()).then(|| {
         Section::new("predictions", "Posterior predictive bands")
-            .with(Part::Line(within.into()))
+            .line(within)
             .with_all(figures)
-            .with_all((more > 0).then(|| Part::Note(format!("{more} more are in the JSON of `--bands`."))))
+            .notes((more > 0).then(|| format!("{more} more are in the JSON of `--bands`.")))
     })
 }
 
@@ -122,7 +118,7 @@ fn sampler(found: &SampleDocument) -> Section {
     Section::new("sampler", "How the chains went")
         .with(table)
         .with_all((!found.remarks.is_empty()).then(|| Part::List(found.remarks.clone()).on_page()))
-        .with(Part::Note(format!("From the result in `{}`.", found.result)).on_page())
+        .explained(format!("From the result in `{}`.", found.result))
 }
 
 /// The name of a variable in the file for ArviZ.

@@ -73,7 +73,8 @@ pub(crate) fn sentence(clause: &str) -> String {
 pub(crate) fn capital(sentence: &str) -> String {
     // names of parameters begin sentences too, and stay what they are
     let word = sentence.split(' ').next().unwrap_or_default();
-    let plain = word.chars().all(|c| c.is_ascii_lowercase() || c == ':') && word.len() > 3;
+    let plain = word.chars().all(|c| c.is_ascii_lowercase() || c == ':');
+    let plain = plain && (word.len() > 3 || ["not", "the"].contains(&word));
     let mut letters = sentence.chars();
     match letters.next() {
         Some(first) if plain => first.to_uppercase().chain(letters).collect(),
@@ -104,6 +105,27 @@ impl Section {
     pub(crate) fn with(mut self, part: impl Into<Part>) -> Self {
         self.parts.push(part.into());
         self
+    }
+
+    pub(crate) fn line(self, said: impl Into<String>) -> Self {
+        self.with(Part::Line(said.into()))
+    }
+
+    pub(crate) fn lines<S: Into<String>>(self, said: impl IntoIterator<Item = S>) -> Self {
+        self.with_all(said.into_iter().map(|said| Part::Line(said.into())))
+    }
+
+    pub(crate) fn note(self, said: impl Into<String>) -> Self {
+        self.with(Part::Note(said.into()))
+    }
+
+    pub(crate) fn notes<S: Into<String>>(self, said: impl IntoIterator<Item = S>) -> Self {
+        self.with_all(said.into_iter().map(|said| Part::Note(said.into())))
+    }
+
+    /// With a note that only readers of a page need.
+    pub(crate) fn explained(self, said: impl Into<String>) -> Self {
+        self.with(Part::Note(said.into()).on_page())
     }
 
     /// With one part more where there is one, or with several.

@@ -3,16 +3,15 @@
 use super::fit::{Detail, closed, remark_lines};
 use super::fitted_responses;
 use super::section::{Part, Section};
+use crate::page::columns::Columns;
 use crate::page::figure::Panel;
 use crate::page::figure::{Figure, Look, Mark};
 use crate::page::number::{bracketed, unit_of_frequency};
 use crate::page::subject::Subject;
-use crate::page::table::Table as Columns;
 use crate::parameters;
 use crate::residuals::{self, prediction_table};
 use fdm_estimate::{Fit, SpectralFit, StartingValue, UnobservableMode};
-use fdm_grammar::graph::Signal;
-use fdm_results::documents::{OutputDocument, digits, spectral_remarks};
+use fdm_results::documents::{OutputDocument, digits, spectral_remarks, trim_sentence};
 use fdm_system::linear::{Obtained, Trim};
 use fdm_system::model::Model;
 use std::f64::consts::TAU;
@@ -46,12 +45,12 @@ pub fn spectral_table(fit: &SpectralFit, detail: Detail) -> String {
         Part::Line(format!("the input {input} has no power in the band of any run; what it moves was not seen"))
     }));
     let section = Section::new("fit", "Fit")
-        .with(Part::Line(band(fit)))
-        .with_all(regressors.map(Part::Line))
-        .with_all(trimmed_at(&fit.model, fit.trim.as_ref()).map(Part::Line))
-        .with_all(first_values(&fit.starting_values).map(Part::Line))
+        .line(band(fit))
+        .lines(regressors)
+        .lines(trimmed_at(&fit.model, fit.trim.as_ref()))
+        .lines(first_values(&fit.starting_values))
         .with(parameters::table(&fit.parameters(), detail.intervals))
-        .with_all(ends.map(Part::Line))
+        .lines(ends)
         .with_all(spectra);
     closed(section, last) + &in_time(fit.finish.as_ref(), fit.unfinished.as_ref())
 }
@@ -79,9 +78,9 @@ pub(crate) fn section(subject: &Subject) -> Option<Section> {
         let more = fit.bode.len().saturating_sub(IN_TIME);
         return Some(
             Section::new("spectra", "Frequency responses")
-                .with(Part::Line(said.into()))
+                .line(said)
                 .with(Part::Pair(figures))
-                .with_all((more > 0).then(|| Part::Note(format!("{more} more pairs are in `result.json`, `bode`.")))),
+                .notes((more > 0).then(|| format!("{more} more pairs are in `result.json`, `bode`."))),
         );
     }
     let section = Section::new("spectra", "Frequency domain");
@@ -89,7 +88,7 @@ pub(crate) fn section(subject: &Subject) -> Option<Section> {
     Some(match responses {
         Some(found) => section.with_all(fitted_responses::parts(found, figures)),
         None => section
-            .with(Part::Note("Magnitudes of the spectra that were compared, and of what is left between them.".into()))
+            .note("Magnitudes of the spectra that were compared, and of what is left between them.")
             .with(Part::Pair(figures)),
     })
 }
@@ -187,23 +186,7 @@ pub(crate) fn first_values(first: &[StartingValue]) -> Option<String> {
 
 /// Where a model was linearised, when that matters.
 pub(crate) fn trimmed_at(model: &Model, trim: Option<&Trim>) -> Option<String> {
-    let trim = trim.filter(|t| t.obtained != Obtained::NotNeeded)?;
-    let how = match trim.obtained {
-        Obtained::Given => "given by the model",
-        Obtained::Initial => "the initial values",
-        _ => "solved from the equations",
-    };
-    let definition = model.definition();
-    let held = |s: &Signal| match s {
-        Signal::State(k) => definition.states[*k as usize].quantity.name.as_str(),
-        Signal::Input(k) => definition.inputs[*k as usize].quantity.name.as_str(),
-    };
-    let held: Vec<&str> = trim.assumed.iter().map(held).collect();
-    let held = if held.is_empty() { String::new() } else { format!(", {} held", held.join(", ")) };
-    let states = definition.states.iter().zip(&trim.states).map(|(s, v)| (&s.quantity.name, v));
-    let inputs = definition.inputs.iter().zip(&trim.inputs).map(|(i, v)| (&i.quantity.name, v));
-    let values: Vec<String> = states.chain(inputs).map(|(name, v)| format!("{name} = {}", digits(*v, 5))).collect();
-    Some(format!("linearised at the trim ({how}{held}): {}", values.join(", ")))
+    trim.filter(|t| t.obtained != Obtained::NotNeeded).map(|trim| trim_sentence(model, trim))
 }
 
 /// Spectra of a run as columns: frequency, then for each output measured and modelled real and imaginary parts.

@@ -96,7 +96,7 @@ fn reasons(failed: &[&StartDocument]) -> Vec<(String, usize)> {
     found
 }
 
-/// Those that have a cost, the least first.
+/// Starts that have a cost, the least first.
 fn ordered(starts: &[StartDocument]) -> Vec<&StartDocument> {
     let mut order: Vec<&StartDocument> = starts.iter().filter(|s| s.cost.is_some()).collect();
     order.sort_by(|a, b| cost(a).total_cmp(&cost(b)).then(a.start.cmp(&b.start)));

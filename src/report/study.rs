@@ -1,9 +1,9 @@
 //! A study: how often intervals hold, how far estimates scatter beside their errors, how they are distributed, and what became of the repeats.
 
-use super::section::{Cell, Part, Point, Rows, Section, Trust, Verdict};
+use super::section::{Cell, Part, Point, Rows, Section, Trust, Verdict, capital};
+use crate::page::columns::Columns;
 use crate::page::figure::{Figure, Look, Mark, Panel, Shape};
 use crate::page::number::{bracketed, shown};
-use crate::page::table::Table as Columns;
 use crate::text;
 use fdm_results::documents::study::{
     Colour, Coverage, Figure as Estimated, Goal, GoalCoverage, Interval, Judged, Kind, Pooled, Repeat, Share, Study,
@@ -27,10 +27,7 @@ const KINDS: [(Kind, &str, Look); 2] =
 
 /// What the intervals are worth; every parameter with bias, scatter and coverage; what should not be overlooked.
 pub fn study_table(study: &Study) -> String {
-    let whole = if study.is_whole() { String::new() } else { format!(" of {} (interrupted)", study.asked) };
-    let noise = colour(study.colour);
-    let head = format!("{}{whole} repeats with {noise} noise, seed {}\n", study.done, study.seed);
-    text::below(head, &[coverages(study), requirements(study), outcomes(study)])
+    text::sections(&[coverages(study), requirements(study), outcomes(study)])
 }
 
 /// What can be said in a sentence, and what speaks against the intervals.
@@ -50,10 +47,9 @@ pub(crate) fn verdict(study: &Study) -> Verdict {
     if (share - 0.95).abs() > GOOD {
         point(format!("Furthest off: `{name}`, whose intervals hold in {} %", percent(*share)), "coverage");
     }
-    let biased: Vec<String> =
-        study.parameters.iter().filter(|p| p.is_biased()).map(|p| format!("`{}`", p.subject.label())).collect();
-    if biased.len() * 20 > study.parameters.len() {
-        point(format!("More bias than chance explains: {}", biased.join(", ")), "coverage");
+    let biased = study.parameters.iter().filter(|p| p.is_biased()).count();
+    if let Some(said) = more_bias(study).filter(|_| biased * 20 > study.parameters.len()) {
+        point(capital(&said), "coverage");
     }
     if let Some(worst) = study.worst_requirement()
         && (worst.coverage.share - 0.95).abs() > GOOD
@@ -61,8 +57,8 @@ pub(crate) fn verdict(study: &Study) -> Verdict {
         let share = percent(worst.coverage.share);
         point(format!("Requirement furthest off: `{}`, {share} %", worst.goal.name), "requirements-coverage");
     }
-    if converged < done {
-        point(format!("{} of {done} repeats did not converge", done - converged), "outcomes");
+    if let Some(said) = not_converged(study) {
+        point(said, "outcomes");
     }
     if !study.is_whole() {
         point(format!("Interrupted: {done} of {} repeats are done", study.asked), "outcomes");
@@ -90,9 +86,9 @@ pub(crate) fn sections(study: &Study, repeats: Option<&Columns>) -> Vec<Section>
     let more = study.parameters.len() - drawn.len();
     let estimates = (!drawn.is_empty()).then(|| {
         Section::new("estimates", "Estimates of the repeats")
-            .with(Part::Line("The deviation of every estimate from the truth, in standard errors of its own repeat, beside the normal distribution.".into()))
+            .line("The deviation of every estimate from the truth, in standard errors of its own repeat, beside the normal distribution.")
             .with(Part::Pair(drawn))
-            .with_all((more > 0).then(|| Part::Note(format!("{more} more are in `repeats.csv`."))))
+            .notes((more > 0).then(|| format!("{more} more are in `repeats.csv`.")))
     });
     let all = [Some(coverages(study)), Some(requirements(study)), estimates, Some(outcomes(study))];
     all.into_iter().flatten().filter(|s| !s.parts.is_empty()).collect()
@@ -122,10 +118,14 @@ fn coverages(study: &Study) -> Section {
     });
     let note = "Bias is in standard errors, with what chance alone gives in 95 % of cases. Ratios are the scatter of the estimates over the root mean square of \
                 the printed errors: 1 is right, more means that errors are printed too small. In brackets the interval of 95 % that so many repeats leave open.";
+    let whole = if study.is_whole() { String::new() } else { format!(" of {} (interrupted)", study.asked) };
+    let noise = colour(study.colour);
+    let head = format!("{}{whole} repeats with {noise} noise, seed {}", study.done, study.seed);
     Section::new("coverage", "What intervals are worth")
-        .with_all(pooled.chain(worst).map(Part::Line))
+        .with(Part::Line(head).in_text())
+        .lines(pooled.chain(worst))
         .with(parameters(study))
-        .with(Part::Note(note.into()).on_page())
+        .explained(note)
         .with_all([coverage(study), scatter(study)].into_iter().flatten())
 }
 
@@ -189,7 +189,6 @@ fn requirements(study: &Study) -> Section {
     Section::new("requirements-coverage", "What intervals of requirements are worth")
         .with_all(there.then(|| Part::from(table)))
         .with_all(there.then(|| Part::Note(note.into()).on_page()))
-        .with_all(study.no_requirements.as_ref().map(|why| Part::Note(format!("Not studied: {why}.")).on_page()))
 }
 
 /// What should not be overlooked, and what became of the repeats.
@@ -200,22 +199,9 @@ fn outcomes(study: &Study) -> Section {
     let lost =
         (!lost.is_empty()).then(|| format!("requirements without an interval in some repeats: {}", lost.join(", ")));
     let none = study.no_requirements.as_ref().map(|why| format!("requirements that are not studied: {why}"));
-    let biased: Vec<&str> =
-        study.parameters.iter().filter(|p| p.is_biased()).map(|p| p.subject.name.as_str()).collect();
-    let more = (!biased.is_empty()).then(|| {
-        let (few, all) = (biased.len(), study.parameters.len());
-        format!("more bias than chance (`!`, one parameter in twenty by chance; {few} of {all}): {}", biased.join(", "))
-    });
-    let astray = study.done - study.converged;
-    let astray = (astray > 0).then(|| {
-        let counted: Vec<String> = study.astray.iter().map(|(reason, n)| format!("{n}: {reason}")).collect();
-        let of_all = study.trusted().map_or(String::new(), |p| {
-            format!("; counted as misses they leave {} % of all intervals", percent(p.of_all))
-        });
-        format!("{astray} of {} repeats did not converge{of_all}\n  {}", study.done, counted.join("\n  "))
-    });
-    let said = [lost, none, more].into_iter().flatten().map(Part::Line);
-    let said: Vec<Part> = said.chain(astray.map(|said| Part::Line(said).in_text())).collect();
+    let reasons = study.astray.iter().map(|(reason, n)| Part::Line(format!("  {n}: {reason}")).in_text());
+    let said = [lost, none, more_bias(study), not_converged(study)].into_iter().flatten().map(Part::Line);
+    let said: Vec<Part> = said.chain(reasons).collect();
     let part = |n: usize| match study.done {
         0 => String::new(),
         done => format!("{} %", percent(n as f64 / done as f64)),
@@ -229,15 +215,30 @@ fn outcomes(study: &Study) -> Section {
             @if study.done < study.asked { tr { th scope="row" { "not done" } td.number { (study.asked - study.done) } td {} } }
         } } }
     };
-    let note = format!(
-        "Repeats that did not converge have no interval; counted as misses they are in the result's JSON as `of_all`. Seed {}.",
-        study.seed
-    );
     Section::new("outcomes", "What became of the repeats")
         .with(Part::Markup(table))
         .with_all((!said.is_empty()).then_some(Part::Gap))
         .with_all(said)
-        .with(Part::Note(note).on_page())
+        .explained(format!("Seed {}.", study.seed))
+}
+
+/// Parameters with more bias than chance explains.
+fn more_bias(study: &Study) -> Option<String> {
+    let biased = study.parameters.iter().filter(|p| p.is_biased());
+    let names: Vec<&str> = biased.map(|p| p.subject.name.as_str()).collect();
+    let (few, all) = (names.len(), study.parameters.len());
+    (few > 0).then(|| {
+        format!("more bias than chance (`!`, one parameter in twenty by chance; {few} of {all}): {}", names.join(", "))
+    })
+}
+
+/// How many repeats have no interval, and what they would leave of the coverage.
+fn not_converged(study: &Study) -> Option<String> {
+    let of_all = study
+        .trusted()
+        .map_or(String::new(), |p| format!("; counted as misses they leave {} % of all intervals", percent(p.of_all)));
+    let lost = study.done - study.converged;
+    (lost > 0).then(|| format!("{lost} of {} repeats did not converge{of_all}", study.done))
 }
 
 /// Kinds of errors that were printed for any parameter.

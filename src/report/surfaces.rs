@@ -1,12 +1,12 @@
 //! The tables of a model at the estimates: curves and surfaces with their errors, as far as any run has visited them.
 
-use super::section::Section;
+use super::section::{Part, Section};
 use crate::correlations::shade;
 use crate::page::figure::{Figure, Look, Mark, Panel, Shape};
 use crate::page::number::{bracketed, text, written};
 use crate::page::subject::Subject;
-use fdm_estimate::{NodeEstimate, Smoothing, TableAxis, TableEstimate};
-use fdm_results::documents::digits_by_error;
+use fdm_estimate::{NodeEstimate, TableAxis, TableEstimate};
+use fdm_results::documents::{digits_by_error, smoothness};
 use maud::{Markup, html};
 
 /// Tables that are shown.
@@ -26,20 +26,21 @@ pub(crate) fn section(subject: &Subject) -> Option<Section> {
         return None;
     }
     let smoothing = |name: &str| subject.fit()?.smoothing.iter().find(|s| s.table == name);
-    let content = html! {
-        @for (k, table) in tables.iter().enumerate() {
-            h3 { code { (called(table)) } @if !table.doc.is_empty() { " " (table.doc) } }
-            @if let Some(smoothing) = smoothing(&table.table) { p { (smoothness(smoothing)) } }
-            @let unknown = table.unknown().count();
-            @if unknown > 0 {
-                p { (unknown) " of " (table.nodes.len()) " nodes are unknown: no sample of any run lies beside them." }
-            }
-            @for part in parts(table) { (map(table, &part)) }
-            @if let Some(figure) = figure(k, table) { (figure.markup()) }
-        }
-        p.note { "Orange is above zero, blue below; a node without a number was not visited by any run. Pointed at, a node tells its standard error." }
+    let parts_of = |(k, table): (usize, &&TableEstimate)| {
+        let doc = if table.doc.is_empty() { String::new() } else { format!(" {}", table.doc) };
+        let unknown = table.unknown().count();
+        let (few, all) = (unknown, table.nodes.len());
+        let unknown =
+            (unknown > 0).then(|| format!("{few} of {all} nodes are unknown: no sample of any run lies beside them."));
+        std::iter::once(Part::Heading(format!("`{}`{doc}", called(table))))
+            .chain(smoothing(&table.table).map(smoothness).into_iter().chain(unknown).map(Part::Line))
+            .chain(maps(table).iter().map(|one| Part::Markup(map(table, one))))
+            .chain(figure(k, table).map(Part::from))
+            .collect::<Vec<_>>()
     };
-    Some(Section::drawn("tables", "Tables", content))
+    let note = "Orange is above zero, blue below; a node without a number was not visited by any run. Pointed at, a node tells its standard error.";
+    let section = Section::new("tables", "Tables").with_all(tables.iter().enumerate().flat_map(parts_of));
+    Some(section.note(note))
 }
 
 pub(crate) fn figures(subject: &Subject) -> Vec<Figure> {
@@ -51,32 +52,20 @@ fn called(table: &TableEstimate) -> String {
     format!("{}({}){}", table.table, arguments.join(", "), bracketed(table.unit.as_deref()))
 }
 
-fn smoothness(smoothing: &Smoothing) -> String {
-    let weights = smoothing.arguments.iter().zip(&smoothing.weights);
-    let weights: Vec<String> = weights.map(|(name, weight)| format!("{} along {name}", text(*weight, 3))).collect();
-    format!(
-        "{} nodes, {} effective parameters; smooth by order {}, weights {}.",
-        smoothing.parameters,
-        text(smoothing.effective_parameters, 3),
-        smoothing.order,
-        weights.join(", ")
-    )
-}
-
 /// A map: what holds of the argument before the last two, and where its nodes begin.
-struct Part {
+struct Map {
     title: Option<String>,
     from: usize,
 }
 
 /// A surface is one map, a table of three arguments one for each value of the first; a curve has none.
-fn parts(table: &TableEstimate) -> Vec<Part> {
+fn maps(table: &TableEstimate) -> Vec<Map> {
     let readable = table.arguments.iter().all(|a| a.axis.len() <= MOST_NODES);
     match &table.arguments[..] {
-        [_, _] if readable => vec![Part { title: None, from: 0 }],
+        [_, _] if readable => vec![Map { title: None, from: 0 }],
         [first, second, third] if readable => {
             let size = second.axis.len() * third.axis.len();
-            let part = |(k, x): (usize, &f64)| Part { title: Some(at(first, *x)), from: k * size };
+            let part = |(k, x): (usize, &f64)| Map { title: Some(at(first, *x)), from: k * size };
             first.axis.iter().enumerate().map(part).collect()
         }
         _ => Vec::new(),
@@ -88,7 +77,7 @@ fn at(axis: &TableAxis, x: f64) -> String {
     format!("{} = {}{}", axis.name, written(x), axis.unit.as_ref().map_or(String::new(), |u| format!(" {u}")))
 }
 
-fn map(table: &TableEstimate, part: &Part) -> Markup {
+fn map(table: &TableEstimate, part: &Map) -> Markup {
     let [rows, columns] = [2, 1].map(|k| &table.arguments[table.arguments.len() - k]);
     let size = table.nodes.iter().filter_map(|n| n.value).fold(0.0_f64, |most, v| most.max(v.abs()));
     html! {

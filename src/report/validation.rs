@@ -46,42 +46,23 @@ fn without_a_model(baselines: &[Baseline]) -> Rows<&Baseline> {
     table
 }
 
-/// What is said of an output of a run.
-struct Row<'a> {
-    role: &'static str,
-    run: &'a str,
-    name: &'a str,
-    rms: Option<f64>,
-    r2: Option<f64>,
-    tic: Option<f64>,
-    parts: Option<TicParts>,
-    white: Option<&'a Whiteness>,
-}
-
 /// One row for each output of each run: those that are validated first, then those of the fit.
-fn outputs<'a>(validated: &'a [OutputQuality], fitted: &'a [OutputDocument]) -> Rows<Row<'a>> {
-    let own = validated.iter().map(|q| {
-        let (f, white) = (&q.fit, q.whiteness.as_ref());
-        let (run, name, rms, r2, tic, parts) = (&f.run, &f.name, f.rms, f.r2, f.tic, f.tic_parts);
-        Row { role: "validated", run, name, rms, r2, tic, parts, white }
+fn outputs(validated: &[OutputQuality], fitted: &[OutputDocument]) -> Rows<(&'static str, OutputDocument)> {
+    let own = validated.iter().map(|q| ("validated", OutputDocument::from(q)));
+    let part = |o: &OutputDocument, of: fn(TicParts) -> f64| fixed(o.tic_parts.map(of), 2);
+    let mut table = Rows::over(own.chain(fitted.iter().map(|o| ("fitted", o.clone()))));
+    table.words("", |(role, _)| *role);
+    table.words("run", |(_, o)| o.run.clone());
+    table.name("output", |(_, o)| o.name.clone());
+    table.number("RMS of residual", |(_, o)| {
+        o.rms.filter(|v| v.is_finite()).map_or(String::from("-"), |v| digits(v, 4))
     });
-    let other = fitted.iter().map(|o| {
-        let (run, name, rms, r2, tic, parts) = (&o.run, &o.name, o.rms, o.r2, o.tic, o.tic_parts);
-        Row { role: "fitted", run, name, rms, r2, tic, parts, white: o.white() }
-    });
-    let part = |row: &Row<'_>, of: fn(TicParts) -> f64| fixed(row.parts.map(of), 2);
-    let mut table = Rows::over(own.chain(other));
-    table.words("", |row| row.role);
-    table.words("run", |row| row.run);
-    table.name("output", |row| row.name);
-    table
-        .number("RMS of residual", |row| row.rms.filter(|v| v.is_finite()).map_or(String::from("-"), |v| digits(v, 4)));
-    table.number("R^2", |row| fixed(row.r2, 4));
-    table.number("TIC", |row| fixed(row.tic, 4));
-    table.number("of it bias", |row| part(row, |p| p.bias));
-    table.number("variance", |row| part(row, |p| p.variance));
-    table.number("covariance", |row| part(row, |p| p.covariance));
-    table.words("residuals", |row| colour(row.white));
+    table.number("R^2", |(_, o)| fixed(o.r2, 4));
+    table.number("TIC", |(_, o)| fixed(o.tic, 4));
+    table.number("of it bias", |(_, o)| part(o, |p| p.bias));
+    table.number("variance", |(_, o)| part(o, |p| p.variance));
+    table.number("covariance", |(_, o)| part(o, |p| p.covariance));
+    table.words("residuals", |(_, o)| colour(o.white()));
     table
 }
 

@@ -6,6 +6,7 @@
 //! `figure` (what is drawn) -> `drawing` (as SVG, for readers without scripts and for paper) -> `raster` (as pixels), and `figure.js`
 //! (zoom, crosshair); `picture` is a drawing without axes that could be moved.
 
+pub(crate) mod columns;
 pub(crate) mod document;
 pub(crate) mod drawing;
 pub(crate) mod figure;
@@ -16,7 +17,6 @@ pub(crate) mod picture;
 pub(crate) mod raster;
 pub(crate) mod scale;
 pub(crate) mod subject;
-pub(crate) mod table;
 pub(crate) mod thinning;
 
 pub use crate::calibration::calibration_page;

@@ -1,7 +1,7 @@
 //! What a page is about, read from the files of a result.
 
+use super::columns::Columns;
 use super::number::unit_of_frequency;
-use super::table::Table;
 use fdm_estimate::{Iteration, ParameterEstimate, Status};
 use fdm_grammar::Source;
 use fdm_grammar::syntax::{SyntaxTree, parse};
@@ -27,11 +27,11 @@ pub struct Subject {
     pub(crate) extended: Option<(Source, SyntaxTree)>,
     /// Time histories: name of the run, then time, inputs, and of every output measurement, response and residual; of a
     /// diagnosis, responses before and after.
-    pub(crate) runs: Vec<(String, Table)>,
+    pub(crate) runs: Vec<(String, Columns)>,
     /// Estimates and errors of every repeat of a study.
-    pub(crate) repeats: Option<Table>,
+    pub(crate) repeats: Option<Columns>,
     /// Spectra: name of the run, then frequency, and of every output real and imaginary parts, measured and modelled.
-    pub(crate) spectra: Vec<(String, Table)>,
+    pub(crate) spectra: Vec<(String, Columns)>,
 }
 
 /// What there is to show.
@@ -68,11 +68,11 @@ impl Subject {
         let source = Source::new(manifest.model_file.as_str(), content("model.fdm")?);
         let tree = parse(&source).ok();
         // a table for each run, by its number: names of files hold names of runs as far as file systems allow
-        let tables = |begins: fn(usize) -> String| -> Vec<(String, Table)> {
+        let tables = |begins: fn(usize) -> String| -> Vec<(String, Columns)> {
             let of_run = |(k, run): (usize, String)| {
                 let start = begins(k + 1);
                 let (_, content) = files.iter().find(|(name, _)| name.starts_with(&start) && name.ends_with(".csv"))?;
-                Some((run, Table::read(content)?))
+                Some((run, Columns::read(content)?))
             };
             manifest.data.iter().map(|d| d.run.clone()).enumerate().filter_map(of_run).collect()
         };
@@ -86,7 +86,7 @@ impl Subject {
             let source = Source::new("extended.fdm", text);
             parse(&source).ok().map(|tree| (source, tree))
         });
-        let repeats = content("repeats.csv").ok().and_then(|text| Table::read(text.as_bytes()));
+        let repeats = content("repeats.csv").ok().and_then(|text| Columns::read(text.as_bytes()));
         Ok(Self { content: found, extended, runs, repeats, spectra, source, tree, manifest: Some(manifest) })
     }
 

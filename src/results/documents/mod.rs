@@ -62,6 +62,6 @@ pub use regression::{
 };
 pub use remarks::{
     About, CORRELATED, OFFSET, RELIABLE, Remark, estimate_remarks, fit_remarks, limit_within_bounds, residual_remarks,
-    spectral_remarks, with_run,
+    smoothness, spectral_remarks, with_run,
 };
 pub use result::{KeptParameter, ResultDocument};

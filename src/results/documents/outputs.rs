@@ -104,6 +104,20 @@ impl From<&OutputFit> for OutputDocument {
     }
 }
 
+impl From<&OutputQuality> for OutputDocument {
+    /// Of an output with what its residuals say, whose unit is not known.
+    fn from(q: &OutputQuality) -> Self {
+        Self {
+            whiteness: Some(q.whiteness.clone()),
+            spectrum: Some(q.spectrum.clone()),
+            distribution: Some(q.distribution.clone()),
+            inputs: Some(q.inputs.clone()),
+            untested: Some(q.untested.map(|u| u.to_string())),
+            ..Self::from(&q.fit)
+        }
+    }
+}
+
 impl OutputDocument {
     /// Of an output whose residuals were not asked.
     pub fn of(model: &Model, fit: &OutputFit) -> Self {
@@ -114,15 +128,7 @@ impl OutputDocument {
 
     /// Of outputs with what their residuals say.
     pub fn of_quality(model: &Model, quality: &[OutputQuality]) -> Vec<Self> {
-        let one = |q: &OutputQuality| Self {
-            whiteness: Some(q.whiteness.clone()),
-            spectrum: Some(q.spectrum.clone()),
-            distribution: Some(q.distribution.clone()),
-            inputs: Some(q.inputs.clone()),
-            untested: Some(q.untested.map(|u| u.to_string())),
-            ..Self::of(model, &q.fit)
-        };
-        quality.iter().map(one).collect()
+        quality.iter().map(|q| Self { unit: Self::of(model, &q.fit).unit, ..Self::from(q) }).collect()
     }
 
     /// Of a fit: what the residuals say, and what is known of the noise.

@@ -7,7 +7,7 @@ use super::equal_minima::equal_minima;
 use fdm_estimate::Unexplained;
 use fdm_estimate::residuals::{Cause, InputCorrelation, NoiseVariation, OutputFit, OutputQuality, Trend};
 use fdm_estimate::{
-    Curvature, Estimate, Fit, InputInterpolation, LONG_RUN, NoiseColour, ParameterEstimate, SpectralColour,
+    Curvature, Estimate, Fit, InputInterpolation, LONG_RUN, NoiseColour, ParameterEstimate, Smoothing, SpectralColour,
     SpectralFit, Status, Termination, Uncorrected,
 };
 use fdm_numeric::statistics::Student;
@@ -98,7 +98,7 @@ impl About {
         Some(match self {
             Self::Unexplained => "`fdm doctor` looks for the cause in the record, `fdm diagnose` in the model",
             Self::Undetermined => "fix some of them, give a prior, or add a run that excites them",
-            Self::Prior => "a run that excites it would tell more (`fdm design`)",
+            Self::Prior => "a run that excites it would determine it better (`fdm design`)",
             Self::Correlated => "fix one, give a prior, or add a run that tells them apart (`fdm design`)",
             Self::Offset => "declare one, `per run`",
             Self::Input => "`fdm diagnose` looks for what is missing",
@@ -199,12 +199,7 @@ pub fn estimate_remarks(estimate: &Estimate) -> Vec<Remark> {
 
 /// The effective number of parameters of tables, and how many of their nodes no run visited.
 fn tables(estimate: &Estimate) -> Vec<String> {
-    let effective = estimate.smoothing.iter().map(|s| {
-        let weights = s.arguments.iter().zip(&s.weights);
-        let weights: Vec<String> = weights.map(|(name, w)| format!("{} along {name}", digits(*w, 3))).collect();
-        let (count, number) = (s.parameters, digits(s.effective_parameters, 3));
-        format!("`{}`: {count} nodes, {number} effective parameters; weights {}", s.table, weights.join(", "))
-    });
+    let effective = estimate.smoothing.iter().map(smoothness);
     // of an estimation that was stopped that is no news
     let restless = estimate.smoothing.iter().filter(|s| !s.settled && estimate.termination.is_good()).map(|s| {
         format!(
@@ -219,6 +214,14 @@ fn tables(estimate: &Estimate) -> Vec<String> {
             .then(|| format!("`{}`: {count} of {} nodes are unknown: no run visits them", t.table, t.nodes.len()))
     });
     effective.chain(restless).chain(unvisited).collect()
+}
+
+/// How smooth a table is.
+pub fn smoothness(s: &Smoothing) -> String {
+    let weights = s.arguments.iter().zip(&s.weights);
+    let weights: Vec<String> = weights.map(|(name, w)| format!("{} along {name}", digits(*w, 3))).collect();
+    let (count, number) = (s.parameters, digits(s.effective_parameters, 3));
+    format!("`{}`: {count} nodes, {number} effective parameters; weights {}", s.table, weights.join(", "))
 }
 
 /// Outputs of which runs hold no value, or none that can be used; one line for each output.

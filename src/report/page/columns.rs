@@ -1,8 +1,8 @@
 //! Columns of numbers as a result folder keeps them: `name [unit]` above each, nothing where nothing was measured.
 
-/// A table that was read.
+/// The columns that were read.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Table {
+pub(crate) struct Columns {
     pub(crate) columns: Vec<Column>,
 }
 
@@ -15,7 +15,7 @@ pub(crate) struct Column {
     pub(crate) values: Vec<f64>,
 }
 
-impl Table {
+impl Columns {
     /// Reads what this program wrote; none when it is something else.
     pub(crate) fn read(bytes: &[u8]) -> Option<Self> {
         let mut reader = csv::Reader::from_reader(bytes);
@@ -49,10 +49,10 @@ mod tests {
 
     #[test]
     fn names_units_and_gaps_are_read() {
-        let table = Table::read(b"t [s],y [deg],\"a,b\"\n0,1.5,2\n0.1,,3\n").unwrap();
+        let table = Columns::read(b"t [s],y [deg],\"a,b\"\n0,1.5,2\n0.1,,3\n").unwrap();
         assert_eq!(table.columns[1].unit.as_deref(), Some("deg"));
         assert!(table.column("y").unwrap().values[1].is_nan());
         assert_eq!(table.column("a,b").unwrap().values, [2.0, 3.0]);
-        assert_eq!(Table::read(b"a\n1,2\n"), None);
+        assert_eq!(Columns::read(b"a\n1,2\n"), None);
     }
 }
