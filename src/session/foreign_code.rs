@@ -29,7 +29,7 @@ pub(crate) fn refuse_foreign_code(model: &Model) -> Result<(), String> {
     }
 }
 
-/// As [`refuse_foreign_code`], of models that are compiled elsewhere: their texts are looked at.
+/// Refuses models with machine code that only a file names, where they are compiled elsewhere: their texts are looked at.
 pub fn refuse_units_of(models: impl Iterator<Item = PathBuf>) -> Result<(), String> {
     let Some(what) = NAMED_BY.get() else { return Ok(()) };
     for path in models {
