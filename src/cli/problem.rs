@@ -1,8 +1,7 @@
 //! `fdm export --to petab`: a result and the records that it was made from, as a problem of PEtab.
 
 use crate::deliver::{refuse_standing, write_folder};
-use crate::failure::{Ending, Failure};
-use crate::failure::{OrFailure, ended};
+use crate::failure::{Ending, Failure, OrFailure, ended};
 use fdm_estimate::Noise;
 use fdm_petab::{Deviation, Record, Unsuited, problem};
 use fdm_results::documents::FitDocument;

@@ -280,7 +280,7 @@ impl RunTable {
 
 /// Names and units of the values that runs of a model bring.
 fn known(model: &Model) -> Vec<(String, Option<String>)> {
-    let inputs = model.definition().inputs.iter().filter(|i| i.known && !i.quantity.name.contains('='));
+    let inputs = model.definition().inputs.iter().filter(|i| i.known && i.membership.is_none());
     inputs.map(|i| (i.quantity.name.clone(), i.quantity.unit.as_ref().map(ToString::to_string))).collect()
 }
 

@@ -3,7 +3,7 @@
 use crate::answer::{Answer, Wanted};
 use crate::checkpoint::{Checkpoints, OpenCheckpoint};
 use crate::failure::Failure;
-use crate::halt::{TimeLimit, late};
+use crate::halt::TimeLimit;
 use crate::progress::Progress;
 use crate::progress_file::{Course, CourseWriter};
 use crate::session::Session;
@@ -59,9 +59,9 @@ impl Conduct {
         answer
     }
 
-    /// With what is said where there was too little time: `so_far` is what that means for the result.
-    pub(crate) fn in_time(&self, mut answer: Answer, so_far: &str) -> Answer {
-        let late = late(self.progress.halt(), so_far);
+    /// With what is said where there was too little time: `late` is what that means for the result.
+    pub(crate) fn in_time(&self, mut answer: Answer, late: &str) -> Answer {
+        let late = self.progress.late(late);
         answer.good &= late.is_none();
         answer.closing.extend(late);
         answer

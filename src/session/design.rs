@@ -13,7 +13,9 @@ use crate::value::number;
 use clap::Args;
 use fdm_estimate::{Noise, Status, initial_guess};
 use fdm_grammar::model::Quantity;
-use fdm_lab::design::{Asked, Question, Rivals, Separation, Step, between as distinction, design as designed, table};
+use fdm_lab::design::{
+    Asked, Question, Rivals, Separation, Step, between as distinction, design as design_runs, table,
+};
 use fdm_lab::experiment::Amount;
 use fdm_report::{design_table, distinction_table};
 use fdm_results::store::ResultFolder;
@@ -109,7 +111,7 @@ pub fn design(
 ) -> Result<Answer, Failure> {
     let question = asked.question(model, folder, runs)?;
     conduct.progress.say("comparing manoeuvres");
-    let found = designed(&question, conduct.progress.halt()).map_err(Failure::Input)?;
+    let found = design_runs(&question, conduct.progress.halt()).map_err(Failure::Input)?;
     let one = |(k, step): (usize, &Step)| {
         table(&question, &step.manoeuvre, &run_name(k)).map(|table| (table.file(), table.bytes()))
     };

@@ -16,8 +16,7 @@ use crate::verb::{Given, Verb, Visit, as_one_task};
 use crate::word::one_of;
 use clap::Args;
 use fdm_discover::screening::ScreeningOptions;
-use fdm_discover::{self as discover, Diagnosis, DiagnosisError, DiagnosisOptions};
-use fdm_effects::Catalogue;
+use fdm_discover::{self as discover, Diagnosis, DiagnosisError, DiagnosisOptions, diagnose as search};
 use fdm_estimate::{CheckpointStore, Domain, FitOptions};
 use fdm_report::diagnosis_text;
 use fdm_results::documents::DiagnosisDocument;
@@ -82,7 +81,8 @@ pub fn diagnose<'s>(asked: &'s Options, session: &'s Session, conduct: &mut Cond
     let catalogue = asked.chosen.of(asked.effects.read()?)?;
     let options = asked.chosen(&session.model, asked.domain()?);
     let _writer = conduct.follow(session, None);
-    let found = searched(session, &catalogue, &options, conduct);
+    let Session { model, runs, validation, .. } = session;
+    let found = search(model, runs, validation, &catalogue, &options, &conduct.progress.work());
     conduct.progress.finish();
     // told in any case
     let in_time = conduct.progress.in_time();
@@ -94,15 +94,6 @@ pub fn diagnose<'s>(asked: &'s Options, session: &'s Session, conduct: &mut Cond
         Err(e @ DiagnosisError::NoFit(_)) => Err(Failure::Numbers(e.to_string())),
         Err(other) => Err(Failure::input([other])),
     }
-}
-
-fn searched(
-    Session { model, runs, validation, .. }: &Session,
-    catalogue: &Catalogue,
-    options: &DiagnosisOptions,
-    conduct: &Conduct,
-) -> Result<Diagnosis, DiagnosisError> {
-    discover::diagnose(model, runs, validation, catalogue, options, &conduct.progress.work())
 }
 
 impl Diagnosed<'_> {

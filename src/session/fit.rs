@@ -129,7 +129,8 @@ fn work(
 ) -> Result<Identified, Failure> {
     let _writer = conduct.follow(session, Some(&options.checkpoints));
     conduct.progress.watching(options.watch);
-    let found = identify(&session.model, &session.runs, &chosen.fit, &conduct.progress.work().keeping(keeper));
+    let work = conduct.progress.work().keeping(keeper);
+    let found = identify(&session.model, &session.runs, &chosen.fit, &work);
     conduct.progress.finish();
     found.or_failure()
 }
@@ -273,13 +274,7 @@ impl Options {
         })
     }
 
-    fn told(
-        &self,
-        found: &Identified,
-        chosen: &Chosen,
-        session: &Session,
-        conduct: &mut Conduct,
-    ) -> Result<Told, Failure> {
+    fn told(&self, found: &Identified, chosen: &Chosen, session: &Session, conduct: &Conduct) -> Result<Told, Failure> {
         let (document, estimate) = match (document(found), found.estimate()) {
             (ResultDocument::Fit(document), Some(estimate)) => (document, estimate),
             (mut document, _) => {
@@ -421,8 +416,8 @@ fn tables(found: &Identified, detail: Detail) -> String {
         Identified::FilterError(fit) => fit_table(&FitDocument::of_filter(fit), detail),
         Identified::Spectra(fit) => spectral_table(fit, detail),
         Identified::FrequencyResponse(fit) => fitted_response_table(fit, detail),
-        Identified::EquationError { model, regression } => {
-            regression_table(&RegressionDocument::of(model.name(), regression))
+        Identified::EquationError { regression, .. } => {
+            regression_table(&RegressionDocument::of(found.model().name(), regression))
         }
     }
 }
@@ -531,9 +526,10 @@ fn has_moved(fit: &Fit) -> bool {
 
 /// What went wrong, and a fit as far as it came, when the work that it was made for cannot go on from there.
 pub(crate) fn astray(error: &StudyError, fit: &Fit, conduct: &Conduct) -> Failure {
-    let (e, table) = (&fit.estimate, fit_table(&FitDocument::of(fit), Detail::default()));
+    let document = FitDocument::of(fit);
+    let (e, table) = (&fit.estimate, fit_table(&document, Detail::default()));
     let text = format!("{}\n\n{table}\n{} after {} iterations\n", title(&fit.model), e.termination, e.iterations);
-    let json = conduct.wanted.json.then(|| as_json(&FitDocument::of(fit)).ok()).flatten();
+    let json = conduct.wanted.json.then(|| as_json(&document).ok()).flatten();
     Failure::Astray { said: error.to_string(), so_far: SoFar { text, json, remarks: remarks(fit, true) } }
 }
 

@@ -1,7 +1,6 @@
-//! `--time-limit`, and what is said of work that ended before it was done.
+//! `--time-limit`: how long a command may work.
 
 use clap::Args;
-use fdm_estimate::Halt;
 use std::time::{Duration, Instant};
 
 /// How long a command may work.
@@ -36,11 +35,6 @@ fn duration(text: &str) -> Result<Duration, String> {
     let count: f64 = number.trim_end().parse().map_err(|_| WANTED)?;
     let limit = Duration::try_from_secs_f64(count * seconds).map_err(|_| WANTED)?;
     if limit.is_zero() { Err(WANTED.into()) } else { Ok(limit) }
-}
-
-/// What is said where the time limit has ended the work: what it means for the result.
-pub(crate) fn late(halt: &Halt, result: &str) -> Option<String> {
-    halt.ran_out_of_time().then(|| format!("stopped by --time-limit: {result}"))
 }
 
 #[cfg(test)]

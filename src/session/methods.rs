@@ -4,7 +4,7 @@ use crate::failure::Failure;
 use crate::value::number;
 use crate::word::{one_of, word_of};
 use clap::Args;
-use fdm_estimate::{Domain, Method, Noise, Optimizer, Options, SmoothBy, StartValues, takes_option};
+use fdm_estimate::{Domain, METHODS as RUNS, Method, Noise, Optimizer, Options, SmoothBy, StartValues, takes_option};
 
 /// What `--method` takes.
 const METHODS: [(&str, Method, &str); 4] = [
@@ -172,7 +172,7 @@ impl Methods {
 const Y: bool = true;
 const N: bool = false;
 
-/// Which options of the command alone have a part in which column of [`fdm_estimate::METHODS`]: output error in time and frequency, filter error, equation
+/// Which options of the command alone have a part in which column of [`RUNS`]: output error in time and frequency, filter error, equation
 /// error in time and frequency, frequency responses. Of all others the library knows it ([`takes_option`]); optimizers are among these.
 const OPTIONS: [(&str, [bool; 6]); 11] = [
     ("--start-values", [Y, Y, Y, N, N, N]),
@@ -201,17 +201,14 @@ impl Question {
     /// All questions that can be asked, the usual ones first.
     fn all() -> impl Iterator<Item = Self> {
         let optimizers = [Optimizer::GaussNewton, Optimizer::NelderMead, Optimizer::Lbfgs];
-        fdm_estimate::METHODS
-            .into_iter()
+        RUNS.into_iter()
             .flat_map(move |(method, domain)| optimizers.map(|optimizer| Self { method, domain, optimizer }))
             .filter(|q| q.takes(&optimizer_word(q.optimizer)))
     }
 
     /// Whether an option has a part in this question.
     fn takes(self, option: &str) -> bool {
-        let Some(column) = fdm_estimate::METHODS.iter().position(|run| *run == (self.method, self.domain)) else {
-            return false;
-        };
+        let Some(column) = RUNS.iter().position(|run| *run == (self.method, self.domain)) else { return false };
         let own = OPTIONS.iter().find(|(name, _)| *name == option).map(|(_, runs)| runs[column]);
         own.or_else(|| takes_option(option, self.method, self.domain)).unwrap_or(true)
     }
@@ -246,7 +243,7 @@ impl Refusal {
     /// What is said; `domain_typed` where the domain was not left to the method.
     fn said(&self, domain_typed: bool) -> String {
         let (from, to) = (self.asked, self.nearest);
-        let single = |method| fdm_estimate::METHODS.iter().filter(|(m, _)| *m == method).count() == 1;
+        let single = |method| RUNS.iter().filter(|(m, _)| *m == method).count() == 1;
         let (method, domain) = (from.method != to.method, from.domain != to.domain);
         // the method alone says where frequency responses and filters work
         let domain = domain && (!method || domain_typed || !single(to.method));

@@ -78,7 +78,8 @@ impl Verb for Options {
         self.are_known(&session.model)?;
         let options = self.chosen(&session.model)?;
         let done = conduct.done.clone();
-        let work = conduct.progress.work().keeping(done.as_deref().map(|done| done as &dyn CheckpointStore));
+        let done = done.as_deref().map(|done| done as &dyn CheckpointStore);
+        let work = conduct.progress.work().keeping(done);
         let found = fit(&session.model, &session.runs, &options, &work).or_failure()?;
         let profiler = match Profiler::new(&found, &session.runs, &options, &work) {
             Ok(profiler) => profiler.with_rise(self.rise),
@@ -87,7 +88,7 @@ impl Verb for Options {
         let names = self.profiled(&found)?;
         conduct.progress.say(&format!("profiling {}", names.join(", ")));
         let profiles: Result<Vec<Profile>, StudyError> =
-            parallel::map(names.iter(), |name| profiler.of(name)).into_iter().collect();
+            parallel::map(&names, |name| profiler.of(name)).into_iter().collect();
         let profiles = profiles.or_failure()?;
         let mut answer = Answer::of(profile_table(&profiles), &profiles, conduct.wanted)?;
         if conduct.wanted.files {
@@ -111,8 +112,9 @@ impl Verb for Options {
     ) -> Result<(), Failure> {
         let options = self.chosen(model)?;
         let progress = conduct.aside();
+        let work = progress.work();
         let found = fit(model, runs, &options, &progress.work().keeping(Some(states))).or_failure()?;
-        let profiler = Profiler::new(&found, runs, &options, &progress.work()).map_err(refused)?.with_rise(self.rise);
+        let profiler = Profiler::new(&found, runs, &options, &work).map_err(refused)?.with_rise(self.rise);
         let parameters = self.profiled(&found)?;
         let identity = Identity::of(model, runs, &Asked { fit: &options, parameters: &parameters, rise: self.rise });
         visit(&job::Sides { profiler: &profiler, parameters }, &identity)

@@ -1,7 +1,7 @@
 //! Shows that work is going on: a live line on a terminal, a line every five seconds at most elsewhere, nothing when asked to be quiet.
 //! An interrupt ends a fit after the iteration in hand, and what was reached is printed.
 
-use crate::halt::{TimeLimit, late};
+use crate::halt::TimeLimit;
 use crate::progress_file::{Course, CourseWriter};
 use crate::session::Session;
 use crate::telling::remark;
@@ -149,9 +149,14 @@ impl Progress {
 
     /// Says so where the time limit has ended the work; says whether it has not.
     pub fn in_time(&self) -> bool {
-        let late = late(&self.halt, "the result is the best so far");
+        let late = self.late("the result is the best so far");
         late.iter().filter(|_| !self.silent).for_each(|said| remark(format_args!("{said}")));
         late.is_none()
+    }
+
+    /// What is said where the time limit has ended the work: what it means for the result.
+    pub(crate) fn late(&self, result: &str) -> Option<String> {
+        self.halt.ran_out_of_time().then(|| format!("stopped by --time-limit: {result}"))
     }
 
     /// Says so where an interrupt has ended work that does not tell it itself; says whether none has.

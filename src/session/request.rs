@@ -25,6 +25,7 @@ use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Args, Command};
 use fdm_discover::Diagnosis;
 use fdm_estimate::{Fit, Halt, Identified, Iteration, UnknownName};
+
 use fdm_report::study_table;
 use fdm_results::documents::EffectsDocument;
 use fdm_results::store::ResultFolder;
@@ -494,7 +495,8 @@ mod tests {
         let found = fitted(&model, &words(&["--set=k=0.9"]), &Watch::default()).expect("a fit");
         let changes = fdm_estimate::Changes { set: vec![("k".into(), 0.9)], ..Default::default() };
         let options = FitOptions { changes, ..FitOptions::default() };
-        let other = fdm_estimate::fit(&model, &[record(&model).run], &options, &mut ()).expect("a fit");
+        let other =
+            fdm_estimate::fit(&model, &[record(&model).run], &options, &fdm_estimate::Work::default()).expect("a fit");
         let value = |e: &Estimate| e.parameters[0].value.to_bits();
         assert_eq!(found.found.estimate().map(value), Some(value(&other.estimate)));
         let files = found.answer.files;

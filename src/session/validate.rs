@@ -72,9 +72,10 @@ pub fn answer(
     let Session { model, runs, .. } = session;
     let options = asked.integration.among(folder.validation(model));
     let _writer = conduct.follow(session, None);
+    let work = conduct.progress.work();
     let result = match asked.initial_from {
-        None => fit(model, runs, &options, &conduct.progress.work()),
-        Some(length) => fit_from_initial_conditions(model, runs, length, &options, &conduct.progress.work()),
+        None => fit(model, runs, &options, &work),
+        Some(length) => fit_from_initial_conditions(model, runs, length, &options, &work),
     };
     conduct.progress.finish();
     let fit = result.or_failure()?;

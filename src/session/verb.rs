@@ -75,9 +75,9 @@ pub(crate) fn as_one_task(
     identity: &Identity,
     visit: Visit<'_>,
 ) -> Result<(), Failure> {
-    let (until, wanted) = (conduct.progress.halt(), conduct.wanted);
+    let wanted = conduct.wanted;
     let whole = |halt: &Halt| -> Bytes {
-        let mut conduct = Conduct::hidden(until.clone(), Course::default(), wanted);
+        let mut conduct = Conduct::hidden(halt.clone(), Course::default(), wanted);
         let answer = verb.answer(session, &mut conduct);
         if halt.goes_on() { postcard::to_allocvec(&answer?).or_failure().map(Some) } else { Ok(None) }
     };

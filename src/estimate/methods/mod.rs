@@ -1,7 +1,7 @@
 //! The methods of estimation, each with its options, fit and error, and the one door to all of them.
 //!
-//! **In** a model, runs, options. **Out** what the method finds. **Start** at [`identify`]; which options have a part in which method is
-//! said in [`combinations`].
+//! **In** a model, runs, options. **Out** what the method finds. **Start** at [`identify()`](crate::identify()); which options have a part in which method is
+//! said in `combinations`.
 
 pub(crate) mod combinations;
 pub mod equation_error;
