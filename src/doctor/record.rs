@@ -2,8 +2,7 @@
 
 use crate::finding::Finding;
 use fdm_grammar::Model;
-use fdm_readers::Topic;
-use fdm_system::record::{ReadOptions, Run, Summary};
+use fdm_system::record::{ReadOptions, Run, Summary, Topic};
 use std::borrow::Cow;
 
 /// What a channel is to a model.

@@ -1,7 +1,7 @@
 //! What mends a fault, and the map that holds it.
 
 use crate::record::Record;
-use fdm_readers::{ChannelMap, RecordMap};
+use fdm_system::record::{ChannelMap, RecordMap};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 

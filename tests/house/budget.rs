@@ -95,7 +95,7 @@ fn measured(root: &Path) -> (BTreeMap<String, Row>, Vec<String>) {
     sources.push(("python".into(), product(&root.join("python/src"))));
     sources.push((
         "facade".into(),
-        ["lib.rs", "main.rs", "example.rs"]
+        ["lib.rs", "main.rs", "example.rs", "build.rs"]
             .map(PathBuf::from)
             .into_iter()
             .filter_map(|file| Some((file.clone(), code_of(&fs::read_to_string(root.join("src").join(file)).ok()?))))

@@ -1,6 +1,6 @@
 //! What a log or data file holds, as `fdm data` lists it.
 
-use fdm_readers::{Field, Log, Topic};
+use fdm_system::record::{Field, Log, Topic};
 use serde::{Deserialize, Serialize};
 
 /// A log or data file.

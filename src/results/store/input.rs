@@ -1,6 +1,6 @@
 //! Files that are read whole because somebody, or another file, has named them: of a kind that ends, and of a size that is read.
 
-use fdm_readers::open_input;
+use fdm_system::record::open_input;
 use std::io::{self, Read};
 use std::path::Path;
 

@@ -34,6 +34,8 @@ pub use derived::Incomplete;
 pub use derived::bridge;
 pub use error::Fault;
 pub use error::{Names, Problem, RecordError};
+// What stands in files before it is a record of a model: of the readers only this package knows.
+pub use fdm_readers::{ChannelMap, Field, Log, RecordMap, Topic, open_input};
 pub use log::open_log;
 pub use note::Note;
 pub use options::{Known, Mask as SampleMask, ReadOptions};
