@@ -2,7 +2,7 @@
 //!
 //! `cargo run --release --example model_in_rust`
 
-use fdm::{Changes, Fit, FitOptions, Model, Run, Simulator, fit};
+use fdm::{Changes, Fit, FitOptions, Model, Run, Simulator, Work, fit};
 use std::error::Error;
 
 /// Pitch rate after a pulse of the stick, with a delay; compiled together with this program.
@@ -40,7 +40,7 @@ pub(crate) fn estimated() -> Result<Fit, Box<dyn Error>> {
     let set = wrong.map(|(name, value)| (name.to_string(), value)).to_vec();
     let options =
         FitOptions { changes: Changes { set, ..Changes::default() }, per_interval: Some(4), ..FitOptions::default() };
-    Ok(fit(&model, &[run], &options, &mut ())?)
+    Ok(fit(&model, &[run], &options, &Work::default())?)
 }
 
 #[allow(dead_code, clippy::print_stdout, reason = "the tests run the example without its main function")]

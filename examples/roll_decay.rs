@@ -2,7 +2,7 @@
 //!
 //! `cargo run --release --example roll_decay`
 
-use fdm::{Fit, FitOptions, Model, ReadOptions, fit};
+use fdm::{Fit, FitOptions, Model, ReadOptions, Work, fit};
 use std::error::Error;
 use std::path::Path;
 
@@ -11,7 +11,7 @@ pub(crate) fn estimated(project: &Path) -> Result<Fit, Box<dyn Error>> {
     let folder = project.join("models/ship_roll_decay");
     let model = Model::from_file(folder.join("model.fdm"))?;
     let (run, _summary) = model.read_run(folder.join("run.csv"), &ReadOptions::default())?;
-    Ok(fit(&model, &[run], &FitOptions::default(), &mut ())?)
+    Ok(fit(&model, &[run], &FitOptions::default(), &Work::default())?)
 }
 
 #[allow(dead_code, clippy::print_stdout, reason = "the tests run the example without its main function")]

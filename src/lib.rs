@@ -18,7 +18,8 @@ pub use fdm_discover as diagnose;
 #[cfg(feature = "discover")]
 pub use fdm_effects as effect;
 pub use fdm_estimate as estimate;
-pub use fdm_estimate::{equation_error, residuals};
+pub use fdm_estimate::methods::equation_error;
+pub use fdm_estimate::residuals;
 #[doc(hidden)]
 pub use fdm_grammar as grammar;
 #[doc(hidden)]
@@ -343,9 +344,9 @@ pub use fdm_system::linear::Modes;
 /// # Example
 ///
 /// ```
-/// use fdm::{FitOptions, fit};
+/// use fdm::{FitOptions, Work, fit};
 /// let (model, runs) = fdm::example::decay()?;
-/// let found = fit(&model, &runs, &FitOptions::default(), &mut ())?;
+/// let found = fit(&model, &runs, &FitOptions::default(), &Work::default())?;
 /// let k = &found.estimate.parameters[0];
 /// assert!((k.value - 0.5).abs() < 4.0 * k.error().ok_or("no error")?); // 1/s, as the model says
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -356,11 +357,11 @@ pub use fdm_estimate::fit;
 /// # Example
 ///
 /// ```
-/// use fdm::{Changes, FitOptions, fit};
+/// use fdm::{Changes, FitOptions, Work, fit};
 /// let (model, runs) = fdm::example::decay()?;
 /// let changes = Changes { set: vec![("k".into(), 2.0)], ..Changes::default() };
 /// let options = FitOptions { changes, per_interval: Some(2), ..FitOptions::default() };
-/// let found = fit(&model, &runs, &options, &mut ())?;
+/// let found = fit(&model, &runs, &options, &Work::default())?;
 /// assert_eq!(found.estimate.parameters[0].start, Some(2.0));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
@@ -370,9 +371,9 @@ pub use fdm_estimate::FitOptions;
 /// # Example
 ///
 /// ```
-/// use fdm::{FitOptions, fit};
+/// use fdm::{FitOptions, Work, fit};
 /// let (model, runs) = fdm::example::decay()?;
-/// let found = fit(&model, &runs, &FitOptions::default(), &mut ())?;
+/// let found = fit(&model, &runs, &FitOptions::default(), &Work::default())?;
 /// assert!(found.estimate.is_good() && found.fallback.is_none()); // no fallback strategy was needed
 /// assert!(found.integration[0].error < 1e-7);
 /// assert_eq!(found.quality.len(), 1); // one output of one run
@@ -384,10 +385,10 @@ pub use fdm_estimate::Fit;
 /// # Example
 ///
 /// ```
-/// use fdm::{Changes, FitError, FitOptions, fit};
+/// use fdm::{Changes, FitError, FitOptions, Work, fit};
 /// let (model, runs) = fdm::example::decay()?;
 /// let changes = Changes { fix: vec!["kk".into()], ..Changes::default() };
-/// let error: FitError = fit(&model, &runs, &FitOptions { changes, ..FitOptions::default() }, &mut ()).unwrap_err();
+/// let error: FitError = fit(&model, &runs, &FitOptions { changes, ..FitOptions::default() }, &Work::default()).unwrap_err();
 /// assert!(error.to_string().contains("did you mean `k`?"), "{error}");
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
@@ -397,9 +398,9 @@ pub use fdm_estimate::FitError;
 /// # Example
 ///
 /// ```
-/// use fdm::{FitOptions, fit};
+/// use fdm::{FitOptions, Work, fit};
 /// let (model, runs) = fdm::example::roll()?;
-/// let estimate = fit(&model, &runs, &FitOptions::default(), &mut ())?.estimate;
+/// let estimate = fit(&model, &runs, &FitOptions::default(), &Work::default())?.estimate;
 /// let d = estimate.parameter("d", None).ok_or("no such parameter")?;
 /// assert_eq!(d.unit.as_deref(), Some("1/s"));
 /// assert_eq!(estimate.covariance.size, 3); // of the entries `covered` of `parameters`
@@ -415,9 +416,9 @@ pub use fdm_estimate::Estimate;
 /// # Example
 ///
 /// ```
-/// use fdm::{FitOptions, fit};
+/// use fdm::{FitOptions, Work, fit};
 /// let (model, runs) = fdm::example::decay()?;
-/// let estimate = fit(&model, &runs, &FitOptions::default(), &mut ())?.estimate;
+/// let estimate = fit(&model, &runs, &FitOptions::default(), &Work::default())?.estimate;
 /// let k = &estimate.parameters[0];
 /// let [low, high] = k.interval().ok_or("no interval")?; // 95 %
 /// assert!(low < k.value && k.value < high);
@@ -430,10 +431,10 @@ pub use fdm_estimate::ParameterEstimate;
 /// # Example
 ///
 /// ```
-/// use fdm::{Changes, FitOptions, Status, fit};
+/// use fdm::{Changes, FitOptions, Status, Work, fit};
 /// let (model, runs) = fdm::example::roll()?;
 /// let changes = Changes { fix: vec!["b".into()], set: vec![("b".into(), 0.8)], ..Changes::default() };
-/// let estimate = fit(&model, &runs, &FitOptions { changes, ..FitOptions::default() }, &mut ())?.estimate;
+/// let estimate = fit(&model, &runs, &FitOptions { changes, ..FitOptions::default() }, &Work::default())?.estimate;
 /// assert_eq!(estimate.parameter("b", None).map(|p| p.status), Some(Status::Fixed));
 /// assert_eq!(estimate.parameter("d", None).map(|p| p.status), Some(Status::Estimated));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -446,10 +447,10 @@ pub use fdm_estimate::Status;
 /// # Example
 ///
 /// ```
-/// use fdm::{FitOptions, Model, fit};
+/// use fdm::{FitOptions, Model, Work, fit};
 /// let (_, runs) = fdm::example::decay()?;
 /// let text = "model m { state x = 1; param a = 0.5, b = 1; der(x) = -a*b*x; output y = x; }";
-/// let found = fit(&Model::from_text("m.fdm", text)?, &runs, &FitOptions::default(), &mut ())?;
+/// let found = fit(&Model::from_text("m.fdm", text)?, &runs, &FitOptions::default(), &Work::default())?;
 /// let direction = &found.estimate.undetermined[0];
 /// assert_eq!(direction.moves.len(), 2); // a up and b down change nothing
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -460,10 +461,10 @@ pub use fdm_estimate::Direction;
 /// # Example
 ///
 /// ```
-/// use fdm::{FitOptions, Options, Termination, fit};
+/// use fdm::{FitOptions, Options, Termination, Work, fit};
 /// let (model, runs) = fdm::example::roll()?;
 /// let options = Options { iterations: 1, ..Options::default() };
-/// let found = fit(&model, &runs, &FitOptions { options, ..FitOptions::default() }, &mut ())?;
+/// let found = fit(&model, &runs, &FitOptions { options, ..FitOptions::default() }, &Work::default())?;
 /// assert_eq!(found.estimate.termination, Termination::IterationLimit);
 /// assert!(!found.estimate.is_good());
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -474,10 +475,10 @@ pub use fdm_estimate::Termination;
 /// # Example
 ///
 /// ```
-/// use fdm::{FitOptions, Noise, Options, fit};
+/// use fdm::{FitOptions, Noise, Options, Work, fit};
 /// let (model, runs) = fdm::example::decay()?;
 /// let options = Options { noise: Noise::Given(vec![Some(0.01)]), ..Options::default() };
-/// let found = fit(&model, &runs, &FitOptions { options, ..FitOptions::default() }, &mut ())?;
+/// let found = fit(&model, &runs, &FitOptions { options, ..FitOptions::default() }, &Work::default())?;
 /// assert!(found.estimate.is_good());
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
@@ -487,10 +488,10 @@ pub use fdm_estimate::Options;
 /// # Example
 ///
 /// ```
-/// use fdm::{FitOptions, Loss, fit};
+/// use fdm::{FitOptions, Loss, Work, fit};
 /// let (model, runs) = fdm::example::decay()?;
 /// let loss = Loss::Huber(1.345); // outliers pull less than by squares
-/// let found = fit(&model, &runs, &FitOptions { loss, ..FitOptions::default() }, &mut ())?;
+/// let found = fit(&model, &runs, &FitOptions { loss, ..FitOptions::default() }, &Work::default())?;
 /// assert!(found.estimate.is_good());
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
@@ -500,10 +501,10 @@ pub use fdm_estimate::Loss;
 /// # Example
 ///
 /// ```
-/// use fdm::{FitOptions, Noise, Options, fit};
+/// use fdm::{FitOptions, Noise, Options, Work, fit};
 /// let (model, runs) = fdm::example::roll()?;
 /// let options = Options { noise: Noise::Full, ..Options::default() }; // outputs whose noise may correlate
-/// let found = fit(&model, &runs[..1], &FitOptions { options, ..FitOptions::default() }, &mut ())?;
+/// let found = fit(&model, &runs[..1], &FitOptions { options, ..FitOptions::default() }, &Work::default())?;
 /// let covariance = found.estimate.noise.ok_or("no noise")?; // q by q
 /// assert!((covariance.at(0, 0).sqrt() / 0.005 - 1.0).abs() < 0.15); // rad/s
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -528,10 +529,10 @@ pub use fdm_estimate::Changes;
 /// # Example
 ///
 /// ```
-/// use fdm::{FitOptions, MultiStart, fit};
+/// use fdm::{FitOptions, MultiStart, Work, fit};
 /// let (model, runs) = fdm::example::decay()?;
 /// let options = FitOptions { starts: MultiStart { count: 3, seed: 1 }, ..FitOptions::default() };
-/// let found = fit(&model, &runs, &options, &mut ())?;
+/// let found = fit(&model, &runs, &options, &Work::default())?;
 /// assert_eq!(found.starts.len(), 3);
 /// assert_eq!(found.starts[0].minimum, Some(1)); // the best one
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -542,15 +543,13 @@ pub use fdm_estimate::MultiStart;
 /// # Example
 ///
 /// ```
-/// use fdm::{FitOptions, estimate::Iteration, fit};
-/// use std::ops::ControlFlow;
+/// use fdm::{FitOptions, Work, estimate::Iteration, fit};
+/// use std::sync::Mutex;
 /// let (model, runs) = fdm::example::decay()?;
-/// let mut costs = Vec::new();
-/// let mut watch = |iteration: &Iteration| {
-///     costs.push(iteration.cost);
-///     ControlFlow::Continue(())
-/// };
-/// fit(&model, &runs, &FitOptions::default(), &mut watch)?;
+/// let costs = Mutex::new(Vec::new());
+/// let follow = |iteration: &Iteration| costs.lock().map_or((), |mut costs| costs.push(iteration.cost));
+/// fit(&model, &runs, &FitOptions::default(), &Work::default().telling(&follow))?;
+/// let costs = costs.into_inner()?;
 /// assert!(costs.windows(2).all(|c| c[1] <= c[0]));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
@@ -560,10 +559,24 @@ pub use fdm_estimate::Observer;
 /// # Example
 ///
 /// ```
-/// use fdm::{FitOptions, Method, identify};
+/// use fdm::{FitOptions, Termination, Work, estimate::Halt, fit};
+/// let (model, runs) = fdm::example::decay()?;
+/// let halt = Halt::default();
+/// halt.interrupt(); // by another thread, as a rule
+/// let found = fit(&model, &runs, &FitOptions::default(), &Work::until(&halt))?;
+/// assert_eq!(found.estimate.termination, Termination::Interrupted); // with the best so far
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[doc(inline)]
+pub use fdm_estimate::Work;
+
+/// # Example
+///
+/// ```
+/// use fdm::{FitOptions, Method, Work, identify};
 /// let (model, runs) = fdm::example::roll()?;
 /// for method in [Method::OutputError, Method::EquationError] {
-///     let found = identify(&model, &runs, &FitOptions { method, ..FitOptions::default() }, None, &mut ())?;
+///     let found = identify(&model, &runs, &FitOptions { method, ..FitOptions::default() }, &Work::default())?;
 ///     assert!(found.is_good());
 /// }
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -574,9 +587,9 @@ pub use fdm_estimate::identify;
 /// # Example
 ///
 /// ```
-/// use fdm::{FitOptions, Identified, identify};
+/// use fdm::{FitOptions, Identified, Work, identify};
 /// let (model, runs) = fdm::example::decay()?;
-/// let found = identify(&model, &runs, &FitOptions::default(), None, &mut ())?;
+/// let found = identify(&model, &runs, &FitOptions::default(), &Work::default())?;
 /// assert!(matches!(found, Identified::OutputError(_)));
 /// assert_eq!(found.estimate().map(|e| e.parameters.len()), Some(1));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -597,10 +610,10 @@ pub use fdm_estimate::Method;
 /// # Example
 ///
 /// ```
-/// use fdm::{Domain, FitOptions, Identified, identify};
+/// use fdm::{Domain, FitOptions, Identified, Work, identify};
 /// let (model, runs) = fdm::example::roll()?;
 /// let options = FitOptions { domain: Domain::Frequency, ..FitOptions::default() };
-/// assert!(matches!(identify(&model, &runs, &options, None, &mut ())?, Identified::Spectra(_)));
+/// assert!(matches!(identify(&model, &runs, &options, &Work::default())?, Identified::Spectra(_)));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[doc(inline)]
@@ -611,10 +624,10 @@ pub use fdm_estimate::Domain;
 /// # Example
 ///
 /// ```
-/// use fdm::{FitOptions, Optimizer, Options, fit};
+/// use fdm::{FitOptions, Optimizer, Options, Work, fit};
 /// let (model, runs) = fdm::example::decay()?;
 /// let options = Options { optimizer: Optimizer::Lbfgs, ..Options::default() };
-/// let found = fit(&model, &runs, &FitOptions { options, ..FitOptions::default() }, &mut ())?;
+/// let found = fit(&model, &runs, &FitOptions { options, ..FitOptions::default() }, &Work::default())?;
 /// assert!((found.estimate.parameters[0].value - 0.5).abs() < 0.02);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
@@ -626,10 +639,10 @@ pub use fdm_estimate::Optimizer;
 /// # Example
 ///
 /// ```
-/// use fdm::{FitOptions, Model, fit_filter};
+/// use fdm::{FitOptions, Model, Work, fit_filter};
 /// let (_, runs) = fdm::example::decay()?;
 /// let text = "model m { state x = 1; param k = 0.4, s = 0.05 in [1e-4, 1]; der(x) = -k*x; noise der(x) = s; output y = x; }";
-/// let found = fit_filter(&Model::from_text("m.fdm", text)?, &runs, &FitOptions::default(), &mut ())?;
+/// let found = fit_filter(&Model::from_text("m.fdm", text)?, &runs, &FitOptions::default(), &Work::default())?;
 /// assert!((found.fit.estimate.parameters[0].value - 0.5).abs() < 0.1);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
@@ -639,10 +652,10 @@ pub use fdm_estimate::fit_filter;
 /// # Example
 ///
 /// ```
-/// use fdm::{FilterFit, FitOptions, Model, fit_filter};
+/// use fdm::{FilterFit, FitOptions, Model, Work, fit_filter};
 /// let (_, runs) = fdm::example::decay()?;
 /// let text = "model m { state x = 1; param k = 0.4, s = 0.05 in [1e-4, 1]; der(x) = -k*x; noise der(x) = s; output y = x; }";
-/// let found: FilterFit = fit_filter(&Model::from_text("m.fdm", text)?, &runs, &FitOptions::default(), &mut ())?;
+/// let found: FilterFit = fit_filter(&Model::from_text("m.fdm", text)?, &runs, &FitOptions::default(), &Work::default())?;
 /// assert_eq!(found.deviations.len(), 1); // of the measurement noise of y
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
@@ -654,9 +667,9 @@ pub use fdm_estimate::FilterFit;
 /// # Example
 ///
 /// ```
-/// use fdm::{SpectralOptions, fit_spectra};
+/// use fdm::{SpectralOptions, Work, fit_spectra};
 /// let (model, runs) = fdm::example::roll()?;
-/// let found = fit_spectra(&model, &runs, &SpectralOptions::default(), &mut ())?;
+/// let found = fit_spectra(&model, &runs, &SpectralOptions::default(), &Work::default())?;
 /// let d = found.estimate.parameter("d", None).ok_or("no such parameter")?;
 /// assert!((d.value - 0.4).abs() < 0.02);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -667,11 +680,11 @@ pub use fdm_estimate::fit_spectra;
 /// # Example
 ///
 /// ```
-/// use fdm::{Frequencies, SpectralOptions, fit_spectra};
+/// use fdm::{Frequencies, SpectralOptions, Work, fit_spectra};
 /// let (model, runs) = fdm::example::roll()?;
 /// let frequencies = Frequencies::Grid { lowest: Some(0.1), highest: Some(0.8) };
 /// let options = SpectralOptions { frequencies, ..SpectralOptions::default() };
-/// let (low, high) = fit_spectra(&model, &runs, &options, &mut ())?.band;
+/// let (low, high) = fit_spectra(&model, &runs, &options, &Work::default())?.band;
 /// assert!(0.1 <= low && high <= 0.8); // cycles per second
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
@@ -681,9 +694,9 @@ pub use fdm_estimate::SpectralOptions;
 /// # Example
 ///
 /// ```
-/// use fdm::{SpectralFit, SpectralOptions, fit_spectra};
+/// use fdm::{SpectralFit, SpectralOptions, Work, fit_spectra};
 /// let (model, runs) = fdm::example::roll()?;
-/// let found: SpectralFit = fit_spectra(&model, &runs, &SpectralOptions::default(), &mut ())?;
+/// let found: SpectralFit = fit_spectra(&model, &runs, &SpectralOptions::default(), &Work::default())?;
 /// let spectrum = &found.spectra[0]; // of the first run
 /// assert_eq!(spectrum.measured.len(), spectrum.modelled.len());
 /// assert!(found.is_good());
@@ -697,11 +710,11 @@ pub use fdm_estimate::SpectralFit;
 /// # Example
 ///
 /// ```
-/// use fdm::{Frequencies, ResponseOptions, fit_responses};
+/// use fdm::{Frequencies, ResponseOptions, Work, fit_responses};
 /// let (model, runs) = fdm::example::roll()?;
 /// let frequencies = Frequencies::Band { lowest: 0.1, highest: 0.4, spacing: None };
 /// let options = ResponseOptions { frequencies, segments: vec![10.0], ..ResponseOptions::default() };
-/// let found = fit_responses(&model, &runs[..1], &options, &mut ())?;
+/// let found = fit_responses(&model, &runs[..1], &options, &Work::default())?;
 /// let omega2 = found.estimate.parameter("omega2", None).ok_or("none")?.value;
 /// assert!(1.5 < omega2 && omega2 < 2.5, "{omega2}"); // segments of 10 s resolve 0.1 Hz
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -722,11 +735,11 @@ pub use fdm_estimate::ResponseOptions;
 /// # Example
 ///
 /// ```
-/// use fdm::{Frequencies, ResponseFit, ResponseOptions, fit_responses};
+/// use fdm::{Frequencies, ResponseFit, ResponseOptions, Work, fit_responses};
 /// let (model, runs) = fdm::example::roll()?;
 /// let frequencies = Frequencies::Band { lowest: 0.1, highest: 0.4, spacing: None };
 /// let options = ResponseOptions { frequencies, segments: vec![10.0], ..ResponseOptions::default() };
-/// let found: ResponseFit = fit_responses(&model, &runs[..1], &options, &mut ())?;
+/// let found: ResponseFit = fit_responses(&model, &runs[..1], &options, &Work::default())?;
 /// assert_eq!(found.pairs.len(), 2); // roll rate and roll angle to the rudder
 /// assert!(found.cost().is_some_and(|cost| cost < 100.0)); // below 100 by Tischler's scale: an acceptable model
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -811,9 +824,9 @@ pub use fdm_estimate::residuals::run_quality;
 /// # Example
 ///
 /// ```
-/// use fdm::{FitOptions, fit};
+/// use fdm::{FitOptions, Work, fit};
 /// let (model, runs) = fdm::example::roll()?;
-/// let found = fit(&model, &runs[..1], &FitOptions::default(), &mut ())?;
+/// let found = fit(&model, &runs[..1], &FitOptions::default(), &Work::default())?;
 /// let roll_angle = &found.quality[1];
 /// assert!(roll_angle.fit.tic.ok_or("not compared")? < 0.3); // Theil's coefficient: a good model
 /// assert_eq!(roll_angle.inputs[0].input, "rudder");
@@ -827,9 +840,9 @@ pub use fdm_estimate::residuals::OutputQuality;
 /// # Example
 ///
 /// ```
-/// use fdm::{FitOptions, Whiteness, fit};
+/// use fdm::{FitOptions, Whiteness, Work, fit};
 /// let (model, runs) = fdm::example::roll()?;
-/// let found = fit(&model, &runs[..1], &FitOptions::default(), &mut ())?;
+/// let found = fit(&model, &runs[..1], &FitOptions::default(), &Work::default())?;
 /// let whiteness: &Whiteness = found.quality[0].whiteness.as_ref().ok_or("not tested")?;
 /// assert!(whiteness.p_value > 0.001);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -844,11 +857,11 @@ pub use fdm_estimate::residuals::Whiteness;
 /// # Example
 ///
 /// ```
-/// use fdm::{Catalogue, DiagnosisOptions, Verdict, diagnose};
+/// use fdm::{Catalogue, DiagnosisOptions, Verdict, Work, diagnose};
 /// let (model, runs) = fdm::example::roll()?;
 /// let mut catalogue = Catalogue::standard();
 /// catalogue.retain(|effect| effect == "cubic_stiffness");
-/// let found = diagnose(&model, &runs[..1], &runs[1..], &catalogue, &DiagnosisOptions::default(), &|_| ())?;
+/// let found = diagnose(&model, &runs[..1], &runs[1..], &catalogue, &DiagnosisOptions::default(), &Work::default())?;
 /// assert_eq!(found.verdict, Verdict::NoEffectFound); // the model is right
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
@@ -859,11 +872,11 @@ pub use fdm_discover::diagnose;
 /// # Example
 ///
 /// ```
-/// use fdm::{Catalogue, Diagnosis, DiagnosisOptions, diagnose};
+/// use fdm::{Catalogue, Diagnosis, DiagnosisOptions, Work, diagnose};
 /// let (model, runs) = fdm::example::decay()?;
 /// let mut catalogue = Catalogue::standard();
 /// catalogue.retain(|effect| effect == "quadratic_damping");
-/// let found: Diagnosis = diagnose(&model, &runs, &[], &catalogue, &DiagnosisOptions::default(), &|_| ())?;
+/// let found: Diagnosis = diagnose(&model, &runs, &[], &catalogue, &DiagnosisOptions::default(), &Work::default())?;
 /// assert!(found.causes.is_empty() && found.extended.is_none());
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
@@ -916,12 +929,13 @@ pub use fdm_effects::Catalogue;
 /// # Example
 ///
 /// ```
-/// use fdm::{Bootstrap, FitOptions, fit, series, study::Colour};
+/// use fdm::{Bootstrap, FitOptions, Work, fit, series, study::Colour};
 /// let (model, runs) = fdm::example::decay()?;
 /// let options = FitOptions::default();
-/// let found = fit(&model, &runs, &options, &mut ())?;
+/// let work = Work::default();
+/// let found = fit(&model, &runs, &options, &work)?;
 /// let bootstrap = Bootstrap::new(&found, &runs, &options, (Colour::White, 1))?;
-/// let repeats = series(3, None, &(), &|number| bootstrap.once(number, &()));
+/// let repeats = series(3, &work, &|_, _| (), &|number| bootstrap.once(number, work.halt()));
 /// assert!(repeats.iter().flatten().all(|repeat| repeat.is_good()));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
@@ -932,9 +946,10 @@ pub use fdm_lab::study::Bootstrap;
 /// # Example
 ///
 /// ```
-/// use fdm::{series, study::Repeat};
+/// use fdm::{Work, series, study::Repeat};
 /// // every repeat draws from a stream of its own, so that results do not depend on threads
-/// let repeats = series(4, None, &(), &|number| (number != 2).then(|| Repeat::gone("for the example", 1)));
+/// let once = |number: u64| (number != 2).then(|| Repeat::gone("for the example", 1));
+/// let repeats = series(4, &Work::default(), &|_, _| (), &once);
 /// assert_eq!(repeats.iter().flatten().count(), 3);
 /// ```
 #[cfg(feature = "report")]
@@ -944,11 +959,12 @@ pub use fdm_lab::study::series;
 /// # Example
 ///
 /// ```
-/// use fdm::{Bootstrap, FitOptions, Study, fit, series, study::Colour};
+/// use fdm::{Bootstrap, FitOptions, Study, Work, fit, series, study::Colour};
 /// let (model, runs) = fdm::example::decay()?;
 /// let options = FitOptions::default();
-/// let bootstrap = Bootstrap::new(&fit(&model, &runs, &options, &mut ())?, &runs, &options, (Colour::White, 1))?;
-/// let repeats = series(4, None, &(), &|number| bootstrap.once(number, &()));
+/// let work = Work::default();
+/// let bootstrap = Bootstrap::new(&fit(&model, &runs, &options, &work)?, &runs, &options, (Colour::White, 1))?;
+/// let repeats = series(4, &work, &|_, _| (), &|number| bootstrap.once(number, work.halt()));
 /// let study = Study::of(model.name(), (Some(Colour::White), 1), bootstrap.subjects(), &repeats);
 /// assert_eq!((study.done, study.parameters.len()), (4, 1)); // coverage and bias of each parameter
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -962,11 +978,11 @@ pub use fdm_lab::study::Study;
 /// # Example
 ///
 /// ```
-/// use fdm::{FitOptions, Profiler, fit};
+/// use fdm::{FitOptions, Profiler, Work, fit};
 /// let (model, runs) = fdm::example::decay()?;
 /// let options = FitOptions::default();
-/// let found = fit(&model, &runs, &options, &mut ())?;
-/// let profile = Profiler::new(&found, &runs, &options, &|| true)?.of("k")?;
+/// let found = fit(&model, &runs, &options, &Work::default())?;
+/// let profile = Profiler::new(&found, &runs, &options, &Work::default())?.of("k")?;
 /// assert!(profile.ends[0].value() < profile.value && profile.value < profile.ends[1].value());
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
@@ -977,11 +993,11 @@ pub use fdm_lab::study::Profiler;
 /// # Example
 ///
 /// ```
-/// use fdm::{FitOptions, Profile, Profiler, fit};
+/// use fdm::{FitOptions, Profile, Profiler, Work, fit};
 /// let (model, runs) = fdm::example::decay()?;
 /// let options = FitOptions::default();
-/// let found = fit(&model, &runs, &options, &mut ())?;
-/// let profile: Profile = Profiler::new(&found, &runs, &options, &|| true)?.of("k")?;
+/// let found = fit(&model, &runs, &options, &Work::default())?;
+/// let profile: Profile = Profiler::new(&found, &runs, &options, &Work::default())?.of("k")?;
 /// assert_eq!((profile.name.as_str(), profile.unit.as_deref()), ("k", Some("1/s")));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
@@ -994,7 +1010,7 @@ pub use fdm_lab::study::Profile;
 /// # Example
 ///
 /// ```
-/// use fdm::{Question, design};
+/// use fdm::{Question, design, estimate::Halt};
 /// let (model, _) = fdm::example::roll()?;
 /// let question = Question {
 ///     model: &model,
@@ -1009,7 +1025,7 @@ pub use fdm_lab::study::Profile;
 ///     dt: 0.1,
 ///     runs: 1,
 /// };
-/// let found = design(&question).map_err(|reasons| reasons.join("; "))?;
+/// let found = design(&question, &Halt::default()).map_err(|reasons| reasons.join("; "))?;
 /// assert_eq!(found.steps[0].manoeuvre.input, "rudder");
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
@@ -1046,13 +1062,13 @@ pub use fdm_lab::design::Question;
 /// # Example
 ///
 /// ```
-/// use fdm::{Design, Question, design};
+/// use fdm::{Design, Question, design, estimate::Halt};
 /// let (model, _) = fdm::example::roll()?;
 /// let (theta, deviations, heights) = (vec![0.4, 2.0, 0.8], vec![0.005; 2], vec![Some(0.1)]);
 /// let (duration, dt, runs, rest, known) = (20.0, 0.1, 1, vec![0.0], Vec::new());
 /// let (rates, limits) = (vec![None], vec![None; 2]);
 /// let question = Question { model: &model, theta, deviations, known, rest, heights, rates, limits, duration, dt, runs };
-/// let found: Design = design(&question).map_err(|reasons| reasons.join("; "))?;
+/// let found: Design = design(&question, &Halt::default()).map_err(|reasons| reasons.join("; "))?;
 /// let d = &found.outlook[0];
 /// assert!(d.now.is_none() && d.then[0].is_some()); // not known now; its standard error behind the run
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -1066,11 +1082,11 @@ pub use fdm_lab::design::Design;
 /// # Example
 ///
 /// ```
-/// use fdm::{FitOptions, ResultFolder, compare, comparison::Candidate, fit, store::{Contents, Destination}};
+/// use fdm::{FitOptions, ResultFolder, Work, compare, comparison::Candidate, fit, store::{Contents, Destination}};
 /// let (model, runs) = fdm::example::decay()?;
 /// let place = std::env::temp_dir().join(format!("fdm-compare-{}", std::process::id()));
 /// let options = FitOptions::default();
-/// let found = fit(&model, &runs, &options, &mut ())?;
+/// let found = fit(&model, &runs, &options, &Work::default())?;
 /// Contents::of_fit(&found, &runs, &options).write(&Destination::prepare(&place)?)?;
 /// let comparison = compare(vec![Candidate::new(&ResultFolder::open(&place)?)]);
 /// assert_eq!(comparison.candidates[0].unknowns, 1);
@@ -1094,9 +1110,9 @@ pub use fdm_results::comparison::Comparison;
 /// # Example
 ///
 /// ```
-/// use fdm::{FitDocument, FitOptions, documents::{from_text, to_text}, fit};
+/// use fdm::{FitDocument, FitOptions, Work, documents::{from_text, to_text}, fit};
 /// let (model, runs) = fdm::example::decay()?;
-/// let document = FitDocument::of(&fit(&model, &runs, &FitOptions::default(), &mut ())?);
+/// let document = FitDocument::of(&fit(&model, &runs, &FitOptions::default(), &Work::default())?);
 /// let text = to_text(&document)?; // JSON, as `fdm fit --json` prints it
 /// let again: FitDocument = from_text(&text)?;
 /// assert_eq!(to_text(&again)?, text);
@@ -1109,11 +1125,11 @@ pub use fdm_results::documents::FitDocument;
 /// # Example
 ///
 /// ```
-/// use fdm::{FitOptions, ResultFolder, fit, store::{Contents, Destination}};
+/// use fdm::{FitOptions, ResultFolder, Work, fit, store::{Contents, Destination}};
 /// let (model, runs) = fdm::example::decay()?;
 /// let place = std::env::temp_dir().join(format!("fdm-folder-{}", std::process::id()));
 /// let options = FitOptions::default();
-/// let found = fit(&model, &runs, &options, &mut ())?;
+/// let found = fit(&model, &runs, &options, &Work::default())?;
 /// Contents::of_fit(&found, &runs, &options).write(&Destination::prepare(&place)?)?;
 /// let folder = ResultFolder::open(&place)?; // refused when something in it was changed
 /// assert_eq!((folder.parameters()[0].name.as_str(), folder.model()?.name()), ("k", "decay"));
@@ -1127,9 +1143,9 @@ pub use fdm_results::store::ResultFolder;
 /// # Example
 ///
 /// ```
-/// use fdm::{FitOptions, estimate_table, fit};
+/// use fdm::{FitOptions, Work, estimate_table, fit};
 /// let (model, runs) = fdm::example::decay()?;
-/// let table = estimate_table(&fit(&model, &runs, &FitOptions::default(), &mut ())?.estimate);
+/// let table = estimate_table(&fit(&model, &runs, &FitOptions::default(), &Work::default())?.estimate);
 /// assert!(table.contains("Cramer-Rao") && table.contains("1/s"), "{table}");
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
@@ -1140,10 +1156,10 @@ pub use fdm_report::estimate_table;
 /// # Example
 ///
 /// ```
-/// use fdm::{FitOptions, fit, page, page::Subject, store::Contents};
+/// use fdm::{FitOptions, Work, fit, page, page::Subject, store::Contents};
 /// let (model, runs) = fdm::example::decay()?;
 /// let options = FitOptions::default();
-/// let files = Contents::of_fit(&fit(&model, &runs, &options, &mut ())?, &runs, &options).files()?;
+/// let files = Contents::of_fit(&fit(&model, &runs, &options, &Work::default())?, &runs, &options).files()?;
 /// let html = page(&Subject::from_files(&files)?);
 /// assert!(html.starts_with("<!DOCTYPE html>"));
 /// # Ok::<(), Box<dyn std::error::Error>>(())

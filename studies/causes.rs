@@ -4,7 +4,7 @@
 use fdm::Model;
 use fdm::diagnose::{Diagnosis, DiagnosisOptions, Domain, EffectAt, diagnose};
 use fdm::effect::Catalogue;
-use fdm::estimate::{FitOptions, SpectralOptions, fit};
+use fdm::estimate::{FitOptions, SpectralOptions, Work, fit};
 use fdm::experiment::{Experiment, tables};
 use fdm::record::{ReadOptions, Run, channels, read};
 use fdm::spectrum::Frequencies;
@@ -34,7 +34,7 @@ fn diagnosed(name: &str, model: &Model, runs: &[Run], held: &[Run]) -> Diagnosis
 
 fn diagnosed_by(name: &str, model: &Model, (runs, held): (&[Run], &[Run]), options: &DiagnosisOptions) -> Diagnosis {
     let begun = Instant::now();
-    let found = diagnose(model, runs, held, &Catalogue::standard(), options, &|_| ()).unwrap();
+    let found = diagnose(model, runs, held, &Catalogue::standard(), options, &Work::default()).unwrap();
     println!("{name}: {:?}, p {:.1e}, {:.1} s", found.verdict, found.family_wise_p, begun.elapsed().as_secs_f64());
     for cause in &found.causes {
         let group: Vec<String> = cause.group.iter().map(|r| r.place.to_string()).collect();
@@ -84,7 +84,7 @@ fn names(found: &Diagnosis) -> Vec<String> {
 /// RMS of the first output when the extended model is fitted to a whole record by plain output error.
 fn rms(found: &Diagnosis, run: &Run) -> f64 {
     let model = Model::from_text("extended.fdm", found.extended.clone().unwrap()).unwrap();
-    let fitted = fit(&model, std::slice::from_ref(run), &FitOptions::default(), &mut ()).unwrap();
+    let fitted = fit(&model, std::slice::from_ref(run), &FitOptions::default(), &Work::default()).unwrap();
     let rms = fitted.quality[0].fit.rms.unwrap();
     println!("  the whole record, fitted by the extended text: RMS {rms:.5}");
     rms

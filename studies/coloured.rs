@@ -4,7 +4,7 @@
 //! the ordinary tests.
 
 use fdm::Model;
-use fdm::estimate::{Continuation, FitOptions, fit};
+use fdm::estimate::{Continuation, FitOptions, Work, fit};
 use fdm::record::Run;
 use fdm::simulate::Simulator;
 use rayon::prelude::*;
@@ -178,7 +178,7 @@ fn study(system: &System, kind: Kind, seed: u64, repeats: u64) -> Vec<Row> {
             let cells = run.measured.iter_mut().skip(o).step_by(q);
             cells.zip(noise).for_each(|(z, v)| *z += system.noise * size(o) * v);
         }
-        let found = fit(&system.model, &[run], &options, &mut ()).unwrap();
+        let found = fit(&system.model, &[run], &options, &Work::default()).unwrap();
         assert!(found.estimate.is_good(), "{}: {}", system.name, found.estimate.termination);
         let known = |p: &&fdm::estimate::ParameterEstimate| p.standard_error.is_some();
         let triple = |p: &fdm::estimate::ParameterEstimate| {

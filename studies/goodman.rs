@@ -4,7 +4,7 @@
 
 use fdm::Model;
 use fdm::estimate::{
-    Changes, Continuation, Fit, FitOptions, LengthSensitivity, RecoveryStrategy, Shooting, by_confidence, fit,
+    Changes, Continuation, Fit, FitOptions, LengthSensitivity, RecoveryStrategy, Shooting, Work, by_confidence, fit,
 };
 use fdm::record::Run;
 use fdm::simulate::Simulator;
@@ -90,7 +90,7 @@ impl System {
             let named = |k: u64| Run { name: format!("run {k}"), ..self.noisy(part, seed * records + k) };
             let runs: Vec<Run> = (0..records).map(named).collect();
             let options = FitOptions { continuation: way.clone(), ..self.at_truth() };
-            let found = fit(&self.model, &runs, &options, &mut ()).unwrap();
+            let found = fit(&self.model, &runs, &options, &Work::default()).unwrap();
             let entry = |(name, _): &(&str, f64)| {
                 let (value, error) = self.value(&found, name);
                 Some((value, error?))
@@ -185,11 +185,12 @@ fn ship_table_1() {
     let ship = ship();
     for factor in [1.0, 2.0, 0.5] {
         let start = SHIP.iter().map(|(n, v)| (n.to_string(), v * factor)).collect();
-        let found = fit(&ship.model, std::slice::from_ref(&ship.clean), &ship.options(start), &mut ()).unwrap();
+        let found =
+            fit(&ship.model, std::slice::from_ref(&ship.clean), &ship.options(start), &Work::default()).unwrap();
         println!("noise-free, all starts times {factor}: largest relative error {:.1e}", ship.worst(&found));
         assert!(ship.worst(&found) < 1e-6);
     }
-    let digits = fit(&ship.model, &[ship.rounded(4)], &ship.at_truth(), &mut ()).unwrap();
+    let digits = fit(&ship.model, &[ship.rounded(4)], &ship.at_truth(), &Work::default()).unwrap();
     scatter_agrees(&ship, 0.02, 1, 2000);
     // at 5 % one record leaves C4, C5, C6 and C8, C9, C10 open by more than their size, and the errors of a linear
     // theory mean little; as many records as make up for the noise give them back their meaning
@@ -209,7 +210,7 @@ fn ship_table_1() {
     let biased = |part: f64| {
         let one = |seed: u64| {
             let run = ship.noisy(part, seed).with_measured(substituted.definition()).unwrap();
-            let found = fit(&substituted, &[run], &ship.at_truth(), &mut ()).unwrap();
+            let found = fit(&substituted, &[run], &ship.at_truth(), &Work::default()).unwrap();
             SHIP.iter().map(|(n, _)| (ship.value(&found, n).0, 0.0)).collect::<Vec<_>>()
         };
         (1..=200).into_par_iter().map(one).collect::<Vec<_>>()
@@ -235,11 +236,11 @@ fn ship_table_1() {
         );
     }
     let examined = FitOptions { confidence: true, reweight: true, ..ship.at_truth() };
-    let found = fit(&ship.model, &[ship.noisy(0.02, 1)], &examined, &mut ()).unwrap();
-    println!("\n{}{}", fdm::report::estimate_table(&found.estimate), fdm::report::confidence(&found));
-    assert!(fdm::report::confidence(&found).contains("of minor importance"));
+    let found = fit(&ship.model, &[ship.noisy(0.02, 1)], &examined, &Work::default()).unwrap();
+    println!("\n{}{}", fdm::report::estimate_table(&found.estimate), fdm::report::confidence(&fdm::FitDocument::of(&found)));
+    assert!(fdm::report::confidence(&fdm::FitDocument::of(&found)).contains("of minor importance"));
     // with little noise the order does not hang on the one record
-    let found = fit(&ship.model, &[ship.noisy(0.002, 1)], &examined, &mut ()).unwrap();
+    let found = fit(&ship.model, &[ship.noisy(0.002, 1)], &examined, &Work::default()).unwrap();
     let order = by_confidence(&found.by_length);
     print_order("ship by confidence, noise 0.2 %", &order);
     let last: Vec<&str> = order[order.len() - 2..].iter().map(|s| s.name.as_str()).collect();
@@ -266,7 +267,7 @@ fn ship_from_all_starts_doubled_or_halved() {
     let ship = ship();
     for part in [0.0, 0.02] {
         let run = if part == 0.0 { ship.clean.clone() } else { ship.noisy(part, 1) };
-        let best = fit(&ship.model, std::slice::from_ref(&run), &ship.at_truth(), &mut ()).unwrap();
+        let best = fit(&ship.model, std::slice::from_ref(&run), &ship.at_truth(), &Work::default()).unwrap();
         let found = |f: &Fit| match part {
             0.0 => ship.worst(f) < 1e-6,
             _ => f.estimate.cost.is_some_and(|c| (c - best.estimate.cost.unwrap()).abs() < 1e-3),
@@ -275,7 +276,8 @@ fn ship_from_all_starts_doubled_or_halved() {
             let factor = |k: usize| if combination >> k & 1 == 1 { 2.0 } else { 0.5 };
             let start = SHIP.iter().enumerate().map(|(k, (n, v))| (n.to_string(), v * factor(k))).collect();
             let options = ship.options(start);
-            let go = |options: FitOptions| fit(&ship.model, std::slice::from_ref(&run), &options, &mut ()).unwrap();
+            let go =
+                |options: FitOptions| fit(&ship.model, std::slice::from_ref(&run), &options, &Work::default()).unwrap();
             let plain = go(FitOptions { continuation: Continuation::Never, ..options.clone() });
             if found(&plain) {
                 return (combination, None);
@@ -356,17 +358,17 @@ fn print_order(title: &str, order: &[LengthSensitivity]) {
 #[ignore = "a study"]
 fn t33_table_4() {
     let t33 = t33();
-    let found = fit(&t33.model, std::slice::from_ref(&t33.clean), &t33.options(Vec::new()), &mut ()).unwrap();
+    let found = fit(&t33.model, std::slice::from_ref(&t33.clean), &t33.options(Vec::new()), &Work::default()).unwrap();
     println!("noise-free, start as the model says: largest relative error {:.1e}", t33.worst(&found));
     assert!(t33.worst(&found) < 1e-6);
     scatter_agrees(&t33, 0.02, 1, 2000);
     let examined = FitOptions { confidence: true, reweight: true, ..t33.options(Vec::new()) };
-    let found = fit(&t33.model, &[t33.noisy(0.02, 1)], &examined, &mut ()).unwrap();
-    println!("\n{}{}", fdm::report::estimate_table(&found.estimate), fdm::report::confidence(&found));
+    let found = fit(&t33.model, &[t33.noisy(0.02, 1)], &examined, &Work::default()).unwrap();
+    println!("\n{}{}", fdm::report::estimate_table(&found.estimate), fdm::report::confidence(&fdm::FitDocument::of(&found)));
     // the order of one record hangs on its noise; the mean place over many does not
     let order = |seed: u64| {
         let options = FitOptions { confidence: true, ..t33.options(Vec::new()) };
-        by_confidence(&fit(&t33.model, &[t33.noisy(0.02, seed)], &options, &mut ()).unwrap().by_length)
+        by_confidence(&fit(&t33.model, &[t33.noisy(0.02, seed)], &options, &Work::default()).unwrap().by_length)
     };
     let orders: Vec<Vec<LengthSensitivity>> = (1..=100).into_par_iter().map(order).collect();
     let place = |name: &str| {
@@ -404,12 +406,13 @@ fn elovich_table_5() {
         }
         println!("\n{celsius} C: the paper a {a}, alpha {alpha}; graphically and by analog computer {others}");
         let found =
-            fit(&elovich.model, std::slice::from_ref(&elovich.clean), &elovich.options(Vec::new()), &mut ()).unwrap();
+            fit(&elovich.model, std::slice::from_ref(&elovich.clean), &elovich.options(Vec::new()), &Work::default())
+                .unwrap();
         println!("noise-free, start as the model says: largest relative error {:.1e}", elovich.worst(&found));
         assert!(elovich.worst(&found) < 1e-6);
         scatter_agrees(&elovich, 0.01, 1, 2000);
         let options = FitOptions { confidence: true, ..elovich.options(Vec::new()) };
-        let found = fit(&elovich.model, &[elovich.noisy(0.01, 1)], &options, &mut ()).unwrap();
+        let found = fit(&elovich.model, &[elovich.noisy(0.01, 1)], &options, &Work::default()).unwrap();
         print_order("by confidence", &by_confidence(&found.by_length));
     }
 }

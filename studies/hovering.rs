@@ -1,7 +1,7 @@
 //! The hovering helicopter by recursive least squares: forgetting, the best iterate, output error from there.
 
 use fdm::equation_error::{Detrend, Preprocessing, RecursiveOptions};
-use fdm::estimate::{BestOptions, Changes, Criterion, FitOptions, Shooting, best_iterate, fit};
+use fdm::estimate::{BestOptions, Changes, Criterion, FitOptions, Shooting, Work, best_iterate, fit};
 use support::hovering::{helicopter, hovering, off};
 
 fn with(forgetting: f64) -> RecursiveOptions {
@@ -54,7 +54,7 @@ fn study_of_the_hovering_helicopter() {
     let found = best_iterate(&model, std::slice::from_ref(&run), &options).unwrap();
     let options =
         FitOptions { shooting: Some(Shooting::Segments(10)), changes: Changes::default(), ..FitOptions::default() };
-    let fitted = fit(&found.model, &[run], &options, &mut ()).unwrap();
+    let fitted = fit(&found.model, &[run], &options, &Work::default()).unwrap();
     let (mut worst, mut sum, mut count) = (0.0f64, 0.0, 0);
     for p in fitted.estimate.parameters.iter().filter(|p| !p.name.ends_with("(0)")) {
         if let (Some(error), Some(k)) = (p.error(), model.definition().param(&p.name)) {

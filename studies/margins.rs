@@ -3,7 +3,7 @@
 //! `FDM_REPEATS=1000 cargo test --release --manifest-path studies/Cargo.toml --test studies margins:: -- --ignored --nocapture`
 
 use fdm::documents::{FitDocument, ResultDocument};
-use fdm::estimate::{FitOptions, Status, fit};
+use fdm::estimate::{FitOptions, Status, Work, fit};
 use fdm::record::Run;
 use fdm::requirement::{Assessment, Draws, Known, Plan, assess};
 use fdm::simulate::Simulator;
@@ -116,7 +116,7 @@ fn noisy(system: &System, rho: f64, seed: u64) -> Run {
 fn found(system: &System, run: Run) -> Option<Vec<Assessment>> {
     let name = run.name.clone();
     let runs = [run];
-    let fit = fit(&system.model, &runs, &FitOptions::default(), &mut ()).ok().filter(|f| f.is_good())?;
+    let fit = fit(&system.model, &runs, &FitOptions::default(), &Work::default()).ok().filter(|f| f.is_good())?;
     let document = FitDocument::of(&fit);
     let freedom: Vec<Option<f64>> =
         document.parameters.iter().filter(|p| p.status != Status::Derived).map(|p| p.degrees_of_freedom).collect();

@@ -3,7 +3,7 @@
 //! `cargo test --release --manifest-path studies/Cargo.toml --test studies miniature:: -- --ignored --nocapture`
 
 use fdm::Model;
-use fdm::estimate::{Changes, ParameterEstimate, SpectralFit, SpectralOptions, changed, fit_spectra};
+use fdm::estimate::{Changes, ParameterEstimate, SpectralFit, SpectralOptions, Work, changed, fit_spectra};
 use fdm::frequency::EndTerms;
 use fdm::record::Run;
 use fdm::simulate::Simulator;
@@ -128,7 +128,7 @@ fn one_flight(what: &str, frequencies: &Frequencies, part: f64) -> SpectralFit {
     let (truth, runs) = (truth(&open_loop()), noisy(&first_flight(), 1));
     let options = SpectralOptions { regressed: true, ..options(frequencies, EndTerms::Unknown) };
     let begin = std::time::Instant::now();
-    let fit = fit_spectra(&away(part), &runs, &options, &mut ()).unwrap();
+    let fit = fit_spectra(&away(part), &runs, &options, &Work::default()).unwrap();
     let regressed = fit.starting_values.iter().filter(|f| !f.equations.is_empty()).count();
     println!(
         "\n{what}: {} after {} corrections, {:.1} s; {regressed} of 20 first values from equation error, the others off by {} %, {} end values",
@@ -136,7 +136,7 @@ fn one_flight(what: &str, frequencies: &Frequencies, part: f64) -> SpectralFit {
         fit.estimate.iterations,
         begin.elapsed().as_secs_f64(),
         100.0 * part,
-        fit.ends.len()
+        fit.end_points.len()
     );
     assert!(fit.is_good());
     println!("{:>6} {:>10} {:>10} {:>11} {:>10} {:>6}", "", "true", "estimate", "Cramer-Rao", "corrected", "z");
@@ -160,7 +160,7 @@ fn one_flight_on_the_records_own_grid_and_a_second_one_predicted() {
     let fit = one_flight("own grid", &GRID, 0.05);
     let second = noisy(&second_flight(), 2);
     let begin = std::time::Instant::now();
-    let predicted = fit.predict(&second, &mut ()).unwrap();
+    let predicted = fit.predict(&second, &Work::default()).unwrap();
     println!("\nTIC of the second flight ({:.1} s)", begin.elapsed().as_secs_f64());
     println!("{:>8} {:>12} {:>12} {:>12}", "", "longitudinal", "lateral", "thr and dir");
     let quality = &predicted.quality;
@@ -187,7 +187,7 @@ fn starts_far_away(what: &str, frequencies: &Frequencies) {
     for regressed in [true, false] {
         let options = SpectralOptions { regressed, ..options(frequencies, EndTerms::Unknown) };
         let start = |seed: u64| if seed == 0 { away(0.25) } else { scattered(0.25, seed) };
-        let one = |seed: u64| fit_spectra(&start(seed), &runs, &options, &mut ()).unwrap();
+        let one = |seed: u64| fit_spectra(&start(seed), &runs, &options, &Work::default()).unwrap();
         let begin = std::time::Instant::now();
         let fits: Vec<SpectralFit> = (0..=count(20)).into_par_iter().map(one).collect();
         let least = fits.iter().map(|f| f.estimate.history.last().unwrap().cost).fold(f64::INFINITY, f64::min);
@@ -239,7 +239,7 @@ type Repeats = Vec<Vec<(f64, f64, f64)>>;
 fn repeats(model: &Model, clean: &[Run], options: &SpectralOptions, count: u64) -> Repeats {
     let truth = truth(model);
     let one = |seed: u64| {
-        let found = fit_spectra(model, &noisy(clean, 100 + seed), options, &mut ()).unwrap();
+        let found = fit_spectra(model, &noisy(clean, 100 + seed), options, &Work::default()).unwrap();
         assert!(found.is_good(), "{}", found.estimate.termination);
         let entry = |p: &ParameterEstimate| (p.value, p.standard_error.unwrap(), p.corrected_error.unwrap());
         own(&found, &truth).into_iter().map(entry).collect()

@@ -3,8 +3,9 @@
 //! `cargo test --release --manifest-path studies/Cargo.toml --test studies papers:: -- --ignored --nocapture`
 
 use fdm::Model;
+use fdm::documents::RegressionDocument;
 use fdm::equation_error::{Components, by_cutoff, by_length, regress};
-use fdm::estimate::{SpectralFit, SpectralOptions, fit_spectra};
+use fdm::estimate::{SpectralFit, SpectralOptions, Work, fit_spectra};
 use fdm::frequency::EndTerms;
 use fdm::record::Run;
 use fdm::report::{dependence_table, prediction_table, regression_table};
@@ -166,7 +167,7 @@ const HALF: f64 = 2.5;
 fn longitudinal(m: &Model, flights: &[Run], highest: f64) -> Vec<(String, f64, [f64; 4])> {
     repeated(m, |seed| {
         let runs: Vec<Run> = flights.iter().map(|f| puma::longitudinal(&puma::with_noise(f, 1.0, seed))).collect();
-        fit_spectra(m, &runs, &up_to(highest, EndTerms::Unknown), &mut ()).unwrap()
+        fit_spectra(m, &runs, &up_to(highest, EndTerms::Unknown), &Work::default()).unwrap()
     })
 }
 
@@ -201,7 +202,7 @@ fn puma_tables_4_and_5() {
     println!("\nwith delay: scatter and printed error, end values found, and known from the record");
     let known = repeated(&with, |seed| {
         let run = puma::longitudinal(&puma::with_noise(&doublet, 1.0, seed));
-        fit_spectra(&with, &[run], &up_to(puma::HIGHEST, EndTerms::Known), &mut ()).unwrap()
+        fit_spectra(&with, &[run], &up_to(puma::HIGHEST, EndTerms::Known), &Work::default()).unwrap()
     });
     for ((name, _, [_, scatter, printed, _]), (_, _, [_, other, of_other, _])) in many[1].iter().zip(&known) {
         println!("{name:>6} {scatter:9.2e} {printed:9.2e}   {other:9.2e} {of_other:9.2e}");
@@ -229,7 +230,7 @@ fn puma_tables_4_and_5() {
 
     let other = puma::longitudinal(&puma::with_noise(&puma::three_two_one_one_of(&flight, 0.8), 1.0, 2));
     for (what, fit) in ["without delay", "with delay"].iter().zip(&one) {
-        let predicted = fit.predict(std::slice::from_ref(&other), &mut ()).unwrap();
+        let predicted = fit.predict(std::slice::from_ref(&other), &Work::default()).unwrap();
         println!("\n3211 predicted from the doublet, {what}\n{}", prediction_table(&predicted.quality));
     }
 }
@@ -264,7 +265,8 @@ fn puma_pitching_moment() {
         let runs = std::slice::from_ref(&run);
         let options = puma::at_frequencies(puma::HIGHEST, puma::PUBLISHED);
         println!("\ntheory of HELISTAB flown with a delay of {delay} s; the published rule\n");
-        println!("{}", regression_table(&regress(&equation, runs, &options).unwrap()));
+        let found = regress(&equation, runs, &options).unwrap();
+        println!("{}", regression_table(&RegressionDocument::of(equation.name(), &found)));
         let auto = regress(&equation, runs, &puma::at_frequencies(puma::HIGHEST, Components::Auto)).unwrap();
         println!("chosen by condition index: {} of 6", auto.fits[0].chosen);
         let scores: Vec<usize> = (1..=REPEATS)
@@ -307,5 +309,5 @@ fn puma_pitching_moment() {
         .map(|f| puma::pitching_moment(&puma::with_noise(&f, 1.0, 1)))
         .collect();
     let found = regress(&equation, &flights, &puma::at_frequencies(0.5, puma::PUBLISHED)).unwrap();
-    println!("\nthree runs of three controls to 0.5 Hz\n{}", regression_table(&found));
+    println!("\nthree runs of three controls to 0.5 Hz\n{}", regression_table(&RegressionDocument::of(equation.name(), &found)));
 }

@@ -3,7 +3,7 @@
 //! `cargo test --release --manifest-path studies/Cargo.toml --test studies trex550:: -- --ignored --nocapture`
 
 use fdm::Model;
-use fdm::estimate::{Changes, SpectralFit, SpectralOptions, changed, fit_spectra};
+use fdm::estimate::{Changes, SpectralFit, SpectralOptions, Work, changed, fit_spectra};
 use fdm::frequency::EndTerms;
 use fdm::record::{ReadOptions, Run, channels, read};
 use fdm::spectrum::Frequencies;
@@ -51,7 +51,7 @@ fn fitted(model: &Model, runs: &[Run]) -> SpectralFit {
         finish: false,
         ..SpectralOptions::default()
     };
-    fit_spectra(model, runs, &options, &mut ()).unwrap()
+    fit_spectra(model, runs, &options, &Work::default()).unwrap()
 }
 
 /// What became of a structure inside the first half.
@@ -72,7 +72,7 @@ fn judged(name: String, model: Model, parts: &[Run]) -> Judged {
         let others: Vec<Run> = parts.iter().enumerate().filter(|(k, _)| *k != fold).map(|(_, p)| p.clone()).collect();
         let fit = fitted(&model, &others);
         good += usize::from(fit.is_good());
-        match fit.predict(&parts[fold..=fold], &mut ()) {
+        match fit.predict(&parts[fold..=fold], &Work::default()) {
             Ok(behind) => behind.quality.iter().enumerate().for_each(|(o, q)| {
                 let n = q.fit.compared as f64;
                 squares[o] += n * q.fit.rms.unwrap_or(f64::INFINITY).powi(2);
@@ -87,7 +87,7 @@ fn judged(name: String, model: Model, parts: &[Run]) -> Judged {
 
 /// Theil's coefficients of both rates in a run that the fit has not seen.
 fn tic(fit: &SpectralFit, run: &Run) -> [f64; 2] {
-    let behind = fit.predict(std::slice::from_ref(run), &mut ()).unwrap();
+    let behind = fit.predict(std::slice::from_ref(run), &Work::default()).unwrap();
     [0, 1].map(|o| behind.quality[o].fit.tic.unwrap())
 }
 

@@ -5,7 +5,7 @@
 
 use crate::clock::{Row, cpu_seconds, median_of_runs};
 use fdm::Model;
-use fdm::estimate::{FitOptions, Options, fit};
+use fdm::estimate::{FitOptions, Options, Work, fit};
 use fdm::record::Run;
 use fdm::simulate::{Block, Simulator};
 use std::fmt::Write;
@@ -153,7 +153,7 @@ pub(crate) fn run(limit: &[Row]) {
             ..FitOptions::default()
         };
         let before = cpu_seconds();
-        let found = fit(&chain.model, std::slice::from_ref(&chain.run), &options, &mut ());
+        let found = fit(&chain.model, std::slice::from_ref(&chain.run), &options, &Work::default());
         let seconds = cpu_seconds() - before;
         let estimate = found.expect("the chain can be estimated").estimate;
         let what =

@@ -6,7 +6,7 @@
 use crate::clock::{Row, median_of_runs};
 use crate::workload::{columnwise, data};
 use crate::{fit_name, known_noise};
-use fdm::estimate::{Changes, FitOptions, fit};
+use fdm::estimate::{Changes, FitOptions, Work, fit};
 use fdm::record::Run;
 use fdm::{Model, simulate::Simulator};
 
@@ -45,7 +45,8 @@ pub(crate) fn run(limit: &[Row]) {
             bare,
             ..FitOptions::default()
         };
-        let solve = || fit(&model, std::slice::from_ref(&run), &options, &mut ()).expect("W3 can be estimated");
+        let solve =
+            || fit(&model, std::slice::from_ref(&run), &options, &Work::default()).expect("W3 can be estimated");
         let found = solve();
         assert!(found.estimate.is_good(), "{}", found.estimate.termination);
         let cost = found.estimate.runs[0].residuals.iter().map(|v| v * v).sum();

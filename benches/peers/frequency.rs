@@ -5,7 +5,8 @@ use crate::clock::{Row, median_of_runs};
 use crate::workload::{columnwise, data};
 use fdm::Model;
 use fdm::estimate::{
-    DerivedQuantities, Estimate, Noise, NormalEquations, Options, Problem, ProblemRun, Response, estimate,
+    DerivedQuantities, Estimate, Noise, NormalEquations, Options, PlanarResponse, Problem, ProblemRun, Response,
+    RunResponse, TimeResponse, Work, estimate,
 };
 use fdm::frequency::{EndTerms, FrequencyResponse, Plans};
 use fdm::linear::{LinearModel, Structure, Values};
@@ -49,10 +50,14 @@ impl Response for Linear {
         self.response.sensitivities(&self.values, &[], columns, sink).map_err(|_| NOT_FINITE)
     }
 
-    fn is_planar(&self) -> bool {
-        true
+    fn planar(&mut self) -> Option<&mut dyn PlanarResponse> {
+        Some(self)
     }
+}
 
+impl TimeResponse for Linear {}
+
+impl PlanarResponse for Linear {
     fn planes(&mut self, theta: &[f64], columns: &[usize], sink: &mut PlaneSink<'_>) -> Result<(), Divergence> {
         self.evaluated(theta)?;
         self.response.planes(&self.values, &[], columns, sink).map_err(|_| NOT_FINITE)
@@ -146,7 +151,7 @@ impl Workload {
         };
         let runs = self.responses(plans).into_iter().zip(&self.spectra).map(|(response, (spectrum, _))| ProblemRun {
             name: spectrum.name.clone(),
-            response: Box::new(response),
+            response: RunResponse::in_time(response),
             measured: measured(spectrum),
             start: Vec::new(),
         });
@@ -248,7 +253,7 @@ impl Workload {
                 Prepared::Plans => problem = self.problem(1.3, &self.plans),
                 Prepared::Responses => {}
             }
-            estimate(&mut problem, &options, &mut ()).expect("the workload can be estimated")
+            estimate(&mut problem, &options, &Work::default()).expect("the workload can be estimated")
         };
         let found = solve();
         assert!(found.is_good(), "{}", found.termination);

@@ -4,7 +4,7 @@
 use crate::clock::{Row, median_of_runs, wall_of_runs};
 use crate::start_up::record;
 use crate::workload::{columnwise, data};
-use fdm::estimate::{DerivedQuantities, NormalEquations, Problem, ProblemRun};
+use fdm::estimate::{DerivedQuantities, NormalEquations, Problem, ProblemRun, RunResponse};
 use fdm::record::Run;
 use fdm::{Model, simulate::Simulator};
 
@@ -40,7 +40,7 @@ impl Helicopter {
         let runs = self.runs.iter().map(|run| {
             let response = Simulator::new(self.model.dynamics(), run, 1).expect("nothing is held and delayed");
             let (name, measured) = (run.name.clone(), run.measured.clone());
-            ProblemRun { name, response: Box::new(response), measured, start: Vec::new() }
+            ProblemRun { name, response: RunResponse::in_time(response), measured, start: Vec::new() }
         });
         let derived = DerivedQuantities::of(self.model.definition(), self.model.dynamics());
         Problem::new(self.model.definition(), runs.collect(), derived)

@@ -18,7 +18,7 @@ mod zoom;
 
 use clock::{Row, median_of_runs};
 use fdm::Model;
-use fdm::estimate::{Changes, FitOptions, Noise, Options, fit};
+use fdm::estimate::{Changes, FitOptions, Noise, Options, Work, fit};
 use fdm::simulate::{Block, Simulator};
 use std::path::PathBuf;
 use workload::{Reference, Ship};
@@ -134,7 +134,7 @@ fn fit_of(tag: &str, door: &str, model: &Model, ship: &Ship, reference: &Referen
         bare,
         ..FitOptions::default()
     };
-    let solve = || fit(model, std::slice::from_ref(&run), &options, &mut ()).expect("W1 can be estimated");
+    let solve = || fit(model, std::slice::from_ref(&run), &options, &Work::default()).expect("W1 can be estimated");
     let found = solve();
     assert!(found.estimate.is_good(), "{}", found.estimate.termination);
     let cost = reference.cost(&found.estimate.runs[0].residuals)?;

@@ -2,7 +2,7 @@
 //!
 //! `cargo run --release` in the folder of this file.
 
-use fdm::{Fit, FitOptions, fit};
+use fdm::{Fit, FitOptions, Work, fit};
 use std::error::Error;
 
 /// Angle in degrees, 20 samples per second; as a recorder would deliver it.
@@ -25,7 +25,7 @@ pub(crate) fn estimated() -> Result<Fit, Box<dyn Error>> {
     };
     let (times, angles) = recorded();
     let run = model.run("free").times(times).samples("angle", angles).build()?;
-    Ok(fit(&model, &[run], &FitOptions::default(), &mut ())?)
+    Ok(fit(&model, &[run], &FitOptions::default(), &Work::default())?)
 }
 
 #[allow(dead_code, clippy::print_stdout, reason = "the tests run the example without its main function")]

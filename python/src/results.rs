@@ -106,8 +106,9 @@ pub(crate) fn validate<'py>(
         return Err(refused(py, request::Refusal::Stopped));
     }
     let found = found.map_err(|e| refused(py, e))?;
-    let json = fdm::documents::to_text(&fdm::FitDocument::of(&found)).map_err(|e| crate::errors::said(py, e))?;
-    let text = fdm::report::fit_table(&found, fdm::report::Detail::default());
+    let document = fdm::FitDocument::of(&found);
+    let json = fdm::documents::to_text(&document).map_err(|e| crate::errors::said(py, e))?;
+    let text = fdm::report::fit_table(&document, fdm::report::Detail::default());
     let histories = runs.iter().zip(&found.estimate.runs).map(|(run, found)| history(py, run, found));
     Ok((json, text, histories.collect::<PyResult<_>>()?))
 }

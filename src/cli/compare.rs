@@ -39,12 +39,12 @@ pub(crate) struct Arguments {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
-    let mut progress = Progress::new(arguments.output.manner.quiet);
+    let progress = Progress::new(arguments.output.manner.quiet);
     let (mut results, mut held) = (Vec::new(), Vec::new());
     for folder in &arguments.results {
         match Diagnosed::open(folder)? {
             Some(found) => {
-                results.extend(found.results(&arguments.effects, &mut progress)?);
+                results.extend(found.results(&arguments.effects, &progress)?);
                 held.extend(found.files(Role::Validation)?);
             }
             None => results.push(open_result(folder, None)?),
@@ -74,7 +74,7 @@ fn predictions(
     (results, held): (&[(ResultFolder, Model)], &[RecordFile]),
     comparison: &Comparison,
 ) -> Result<Vec<Prediction>, Failure> {
-    let mut progress = Progress::new(arguments.output.manner.quiet);
+    let progress = Progress::new(arguments.output.manner.quiet);
     let mut predictions = Vec::new();
     for (k, ((folder, model), candidate)) in results.iter().zip(&comparison.candidates).enumerate() {
         let quiet = arguments.output.manner.quiet || k > 0;
@@ -97,7 +97,7 @@ fn predictions(
         }
         progress.say(&format!("predicting with {}", candidate.name));
         let name = &candidate.name;
-        let found = predict(name, folder, model, &runs, &mut progress);
+        let found = predict(name, folder, model, &runs, &progress.work());
         let (prediction, fit) = found.map_err(|e| Failure::input([format!("{name}: {e}")]))?;
         let bands: Vec<Option<Vec<f64>>> =
             of_validation(&fit, folder, &runs).into_iter().map(|b| b.ok().map(|b| b.measurement)).collect();

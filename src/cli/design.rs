@@ -3,13 +3,13 @@
 use crate::campaign::{RecordFile, Role, expanded};
 use crate::deliver::{NamedFile, Output, column, standing, write_all};
 use crate::failure::{Ending, Failure, did_you_mean, ended};
-use crate::halt::TimeLimit;
+use crate::halt::{TimeLimit, uninterrupted};
 use crate::load::{ModelOrResult, Selection, noise, number, read_runs};
 use crate::progress::Progress;
 use clap::Args;
 use fdm_estimate::{Noise, Status, initial_guess};
 use fdm_grammar::model::Quantity;
-use fdm_lab::design::{Asked, Design, Question, Rivals, Separation, Step, between_while, design_while, table};
+use fdm_lab::design::{Asked, Design, Question, Rivals, Separation, Step, between as distinction, design, table};
 use fdm_lab::experiment::Amount;
 use fdm_report::{design_table, distinction_table};
 use fdm_results::store::ResultFolder;
@@ -90,9 +90,8 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let question = arguments.question(&model, folder.as_ref(), runs)?;
     arguments.refuse_others()?;
     let progress = Progress::new(quiet).within(&arguments.limit);
-    let halt = progress.halt();
     progress.say("comparing manoeuvres");
-    let found = design_while(&question, &|| halt.goes_on());
+    let found = design(&question, progress.halt());
     progress.finish();
     let found = found.map_err(Failure::Input)?;
     let printed = arguments.output.print(|| design_table(&found, &model), || &found)?;
@@ -100,8 +99,8 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         write_all(folder, &planned(&question, &found))?;
     }
     // told in any case
-    let (in_time, uninterrupted) = (progress.in_time(), progress.halt().uninterrupted());
-    ended(in_time && uninterrupted && printed)
+    let (in_time, whole) = (progress.in_time(), uninterrupted(progress.halt()));
+    ended(in_time && whole && printed)
 }
 
 /// `--between A,B`
@@ -126,9 +125,8 @@ fn between(arguments: &Arguments) -> Ending {
     let (Some(second), Some(first)) = (questions.pop(), questions.pop()) else { return ended(false) };
     let rivals = Rivals { first, second };
     let progress = Progress::new(quiet).within(&arguments.limit);
-    let halt = progress.halt();
     progress.say("comparing manoeuvres");
-    let found = between_while(&rivals, &|| halt.goes_on());
+    let found = distinction(&rivals, progress.halt());
     progress.finish();
     let mut found = found.map_err(Failure::Input)?;
     if found.models[0] == found.models[1] {
@@ -144,8 +142,8 @@ fn between(arguments: &Arguments) -> Ending {
         };
         write_all(folder, &found.steps.iter().enumerate().filter_map(one).collect::<Vec<NamedFile>>())?;
     }
-    let (in_time, uninterrupted) = (progress.in_time(), progress.halt().uninterrupted());
-    ended(in_time && uninterrupted && printed)
+    let (in_time, whole) = (progress.in_time(), uninterrupted(progress.halt()));
+    ended(in_time && whole && printed)
 }
 
 /// The model with fixed what its result had fixed: that is what makes it another one.

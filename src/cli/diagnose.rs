@@ -3,7 +3,7 @@
 use crate::deliver::{NamedFile, Output, Places, overlay_table, run_file, write};
 use crate::effects::{Chosen, Effects, difference};
 use crate::failure::{Ending, Failure, OrFailure, as_json, ended, remark};
-use crate::halt::{Halt, TimeLimit};
+use crate::halt::TimeLimit;
 use crate::load::{Campaign, Estimated, ModelFile, Records, data_files, number};
 use crate::methods::Domain;
 use crate::options::DiagnosedSpectra;
@@ -12,9 +12,9 @@ use crate::progress_file::Course;
 use crate::tasks::{Visit, WholeCommand};
 use clap::Args;
 use fdm_discover::screening::ScreeningOptions;
-use fdm_discover::{self as discover, Diagnosis, DiagnosisError, DiagnosisOptions, diagnose_while};
+use fdm_discover::{self as discover, Diagnosis, DiagnosisError, DiagnosisOptions, diagnose};
 use fdm_effects::Catalogue;
-use fdm_estimate::FitOptions;
+use fdm_estimate::{FitOptions, Halt};
 use fdm_lab::job;
 use fdm_report::diagnosis_text;
 use fdm_results::documents::{DiagnosisDocument, JudgedRecords};
@@ -23,7 +23,7 @@ use fdm_system::Model;
 use fdm_system::record::Run;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
 /// What `fdm diagnose` takes.
 #[derive(Debug, Args)]
@@ -95,7 +95,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     }
     let mut progress = Progress::new(arguments.output.manner.quiet).within(&arguments.limit);
     let (_writer, _) = progress.follow(destination.iter().map(|d| d.folder().to_path_buf()).collect(), &model);
-    let (found, in_time) = search(&model, (runs, &validation), (&catalogue, &options), progress);
+    let (found, in_time) = search(&model, (runs, &validation), (&catalogue, &options), &progress);
     let found = match found {
         // numbers went wrong, or there was no time: the input may be good
         Err(error) if is_of_numbers(&error) => {
@@ -124,23 +124,11 @@ pub(crate) fn search(
     model: &Model,
     (runs, validation): (&[Run], &[Run]),
     (catalogue, options): (&Catalogue, &DiagnosisOptions),
-    progress: Progress,
+    progress: &Progress,
 ) -> (Result<Diagnosis, DiagnosisError>, bool) {
-    let halt = progress.halt();
-    let progress = Mutex::new(progress);
-    let say = |text: &str| {
-        if let Ok(progress) = progress.lock() {
-            progress.say(text);
-        }
-    };
-    let goes_on = || halt.goes_on();
-    let found = diagnose_while(model, runs, validation, catalogue, (options, &say), &goes_on);
-    let mut in_time = true;
-    if let Ok(progress) = progress.lock() {
-        progress.finish();
-        in_time = progress.in_time();
-    }
-    (found, in_time)
+    let found = diagnose(model, runs, validation, catalogue, options, &progress.work());
+    progress.finish();
+    (found, progress.in_time())
 }
 
 /// Whether the input may be good all the same: numbers went wrong, or there was no time.
@@ -157,17 +145,17 @@ pub(crate) fn refused(error: DiagnosisError) -> Failure {
 
 impl Arguments {
     /// Makes ready what a diagnosis begins with, and shows it as one task.
-    pub(crate) fn tasks(&self, halt: &Halt, visit: Visit<'_>) -> Result<(), Failure> {
+    pub(crate) fn tasks(&self, visit: Visit<'_>) -> Result<(), Failure> {
         let (domain, catalogue) = self.searched()?;
         let model = self.model.load_for(&self.records)?;
         let (campaign, validation) = self.records.read_with_validation(&model, &self.validation, true)?;
         let options = self.options(&model, domain);
         let all: Vec<Run> = campaign.runs.iter().chain(&validation).cloned().collect();
         let identity = Identity::of(&model, &all, &options);
-        let whole = |goes_on: &(dyn Fn() -> bool + Sync)| -> Result<Option<Vec<u8>>, Failure> {
+        let whole = |halt: &Halt| -> Result<Option<Vec<u8>>, Failure> {
             let progress = Progress::hidden(halt.clone(), Course::default());
-            let (found, _) = search(&model, (&campaign.runs, &validation), (&catalogue, &options), progress);
-            if !goes_on() {
+            let (found, _) = search(&model, (&campaign.runs, &validation), (&catalogue, &options), &progress);
+            if !halt.goes_on() {
                 return Ok(None);
             }
             let found = found.map_err(|e| match is_of_numbers(&e) {
@@ -206,8 +194,8 @@ impl Arguments {
         (judged, path): (Option<JudgedRecords>, Option<&str>),
         difference: &str,
     ) -> Result<(String, String), Failure> {
-        let json = as_json(&DiagnosisDocument { records: judged, ..DiagnosisDocument::of(found, path) })?;
-        let mut text = diagnosis_text(found);
+        let document = DiagnosisDocument { records: judged, ..DiagnosisDocument::of(found, path) };
+        let (json, mut text) = (as_json(&document)?, diagnosis_text(&document));
         if !difference.is_empty() {
             text.push_str(&format!("\n{difference}"));
         }

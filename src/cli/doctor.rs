@@ -3,13 +3,13 @@
 use crate::campaign::RecordFile;
 use crate::deliver::{Output, write};
 use crate::failure::{Ending, Failure, ended};
-use crate::halt::TimeLimit;
+use crate::halt::{TimeLimit, uninterrupted};
 use crate::load::{Records, load_model, read_records};
 use crate::ownership::{Overwriting, refuse_other_tables};
 use crate::progress::Progress;
 use clap::Args;
 use fdm_doctor::{
-    AloneOptions, BesideOptions, Examination, Finding, Record, Severity, Watch, examine_alone, examine_beside_while,
+    AloneOptions, BesideOptions, Examination, Finding, Record, Severity, examine_alone, examine_beside,
     examine_repeats, repaired_map,
 };
 use fdm_readers::Topic;
@@ -69,7 +69,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let judged = arguments.judged(&progress);
     progress.finish();
     // both are told
-    let (in_time, whole) = (progress.in_time(), progress.halt().uninterrupted());
+    let (in_time, whole) = (progress.in_time(), uninterrupted(progress.halt()));
     let (records, document) = judged?;
     let printed = arguments.output.print(|| doctor_text(&document), || document.clone())?;
     if let Some(path) = &arguments.fix {
@@ -124,9 +124,7 @@ impl Arguments {
     ) -> DoctorDocument {
         let found = self.by_records(records);
         let options = BesideOptions { odds: self.odds, estimated: !self.no_estimated, ..BesideOptions::default() };
-        let halt = progress.halt();
-        let watch = Watch { say: &|text| progress.say(text), goes_on: &|| halt.goes_on() };
-        let found = examine_beside_while(model, runs, records, found, &options, &watch);
+        let found = examine_beside(model, runs, records, found, &options, &progress.work());
         DoctorDocument::of(Some(model.name()), told, &found)
     }
 

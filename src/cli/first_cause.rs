@@ -1,9 +1,9 @@
 //! What a fit that does not explain an output asks the doctor, and where the answer stands.
 
 use crate::progress::Progress;
-use fdm_doctor::{Watch, first_cause, leading};
-use fdm_estimate::Estimate;
-use fdm_estimate::residuals::Unexplained;
+use fdm_doctor::{first_cause, leading};
+use fdm_estimate::Unexplained;
+use fdm_estimate::{Estimate, Work};
 use fdm_results::documents::{About, FitDocument};
 use fdm_system::Model;
 use fdm_system::record::Run;
@@ -20,11 +20,9 @@ pub(crate) fn ask_doctor(
     if judged_only || !document.remarks.iter().any(|r| r.about == About::Unexplained) {
         return;
     }
-    let halt = progress.halt();
-    let watch = Watch { say: &|_| {}, goes_on: &|| halt.has_time() };
     let found = Unexplained::of(estimate);
     let outputs: Vec<&str> = found.iter().map(|u| u.output.as_str()).collect();
-    document.first_cause = first_cause(model, runs, &outputs, &watch);
+    document.first_cause = first_cause(model, runs, &outputs, &Work::until(&progress.halt().aside()));
     let Some(found) = &document.first_cause else { return };
     for line in leading(std::slice::from_ref(found)) {
         verdict.push_str(&format!("\n`fdm doctor` says of the record: {line}; it shows the repair."));

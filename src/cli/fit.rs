@@ -4,7 +4,7 @@ use crate::checkpoint::Checkpoints;
 use crate::deliver::{Delivery, NamedFile, Outcome, Output, Rendered, csv, histories, title};
 use crate::failure::{Ending, Failure, OrFailure, ended, remark};
 use crate::first_cause::ask_doctor;
-use crate::halt::{Halt, TimeLimit};
+use crate::halt::TimeLimit;
 use crate::load::{Estimated, MeasurementNoise, ModelFile, Records};
 use crate::methods::{Domain, Method, Methods, Question, StartValues, given};
 use crate::options::{FrequencyDomain, Integration, Strategies};
@@ -15,13 +15,13 @@ use crate::tasks::{Visit, WholeCommand};
 use clap::Args;
 use fdm_estimate::residuals::Baseline;
 use fdm_estimate::{
-    BestOptions, Changes, CheckpointStore, Estimate, FilterFit, Fit, FitOptions, IntegrationFault, Loss, MultiStart,
-    Noise, ResponseFit, ResponseOptions, SpectralFit, SpectralOptions, Termination, best_iterate, changed, fit_filter,
-    fit_kept, fit_responses, fit_spectra, start_search,
+    BestOptions, Changes, Estimate, FilterFit, Fit, FitOptions, Halt, IntegrationFault, Loss, MultiStart, Noise,
+    ResponseFit, ResponseOptions, SpectralFit, SpectralOptions, Termination, Work, best_iterate, changed, fit,
+    fit_filter, fit_responses, fit_spectra, start_search,
 };
 use fdm_lab::job;
 use fdm_report::{
-    Detail, TimeHistory, baseline_table, confidence, filter_table, fit_table, fit_verdict, fitted_response_columns,
+    Detail, TimeHistory, baseline_table, confidence, fit_table, fit_verdict, fitted_response_columns,
     fitted_response_table, hidden_mode, history_table, overlays, prediction_table, spectral_table, spectrum_columns,
     starts_hint, starts_table, way,
 };
@@ -166,9 +166,9 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     }
     let checkpoint = arguments.checkpoints.open(&task.identity, quiet)?;
     let (_writer, _) = prepared.follow(&model, arguments.checkpoints.folder(), &mut progress);
-    let result = task.work(&model, runs, checkpoint.keeper(), &mut progress);
+    let result = task.work(&model, runs, &progress.work().keeping(checkpoint.keeper()));
     progress.finish();
-    let made = task.made(result?, (runs, &validation), &mut progress)?.with_records(campaign.judged.clone());
+    let made = task.made(result?, (runs, &validation), &progress)?.with_records(campaign.judged.clone());
     let manifest = made.manifest(prepared.manifest(&model, made.identity.clone(), made.noise.clone(), &campaign));
     let good = made.is_good();
     let frequencies = made.found.frequencies();
@@ -202,19 +202,19 @@ impl Arguments {
         let runs = &campaign.runs[..];
         let options = self.options(question, &model)?;
         let task = Task::new(self, options, &model, runs)?;
-        let mut progress = Progress::hidden(halt.clone(), Course::default());
+        let progress = Progress::hidden(halt.clone(), Course::default());
         if let Chosen::Output(options) = &task.options
             && options.starts.count > 1
         {
-            let search = start_search(&model, runs, options, &mut progress).or_failure()?;
+            let search = start_search(&model, runs, options, &progress.work()).or_failure()?;
             return visit(&job::Starts(search), &task.identity);
         }
-        let whole = |goes_on: &(dyn Fn() -> bool + Sync)| -> Result<Option<Vec<u8>>, Failure> {
-            let mut progress = Progress::hidden(halt.clone(), Course::default());
+        let whole = |halt: &Halt| -> Result<Option<Vec<u8>>, Failure> {
+            let progress = Progress::hidden(halt.clone(), Course::default());
             let task = Task::new(self, self.options(self.question()?, &model)?, &model, runs)?;
-            let found = task.work(&model, runs, None, &mut progress)?;
-            let made = task.made(found, (runs, &validation), &mut progress)?.with_records(campaign.judged.clone());
-            if !goes_on() {
+            let found = task.work(&model, runs, &progress.work())?;
+            let made = task.made(found, (runs, &validation), &progress)?.with_records(campaign.judged.clone());
+            if !halt.goes_on() {
                 return Ok(None);
             }
             let places = &self.delivery.places;
@@ -262,14 +262,8 @@ impl<'a> Task<'a> {
         Ok(Self { arguments, options, text, identity })
     }
 
-    pub(crate) fn work(
-        &self,
-        model: &Model,
-        runs: &[Run],
-        keeper: Option<&dyn CheckpointStore>,
-        progress: &mut Progress,
-    ) -> Result<Found, Failure> {
-        self.options.fit(model, runs, keeper, progress)
+    pub(crate) fn work(&self, model: &Model, runs: &[Run], work: &Work<'_>) -> Result<Found, Failure> {
+        self.options.fit(model, runs, work)
     }
 
     /// What is told of a fit to these runs, and of runs that took no part.
@@ -277,7 +271,7 @@ impl<'a> Task<'a> {
         self,
         found: Found,
         (runs, validation): (&[Run], &[Run]),
-        progress: &mut Progress,
+        progress: &Progress,
     ) -> Result<Made, Failure> {
         let mut document = found.document();
         let mut verdict = fit_verdict(&document);
@@ -406,20 +400,12 @@ impl Chosen {
         }
     }
 
-    fn fit(
-        &self,
-        model: &Model,
-        runs: &[Run],
-        keeper: Option<&dyn CheckpointStore>,
-        progress: &mut Progress,
-    ) -> Result<Found, Failure> {
+    fn fit(&self, model: &Model, runs: &[Run], work: &Work<'_>) -> Result<Found, Failure> {
         match self {
-            Self::Output(options) => fit_kept(model, runs, options, keeper, progress).or_failure().map(Found::Output),
-            Self::Filter(options) => fit_filter(model, runs, options, progress).or_failure().map(Found::Filter),
-            Self::Spectra(options) => fit_spectra(model, runs, options, progress).or_failure().map(Found::Spectra),
-            Self::Responses(options) => {
-                fit_responses(model, runs, options, progress).or_failure().map(Found::Responses)
-            }
+            Self::Output(options) => fit(model, runs, options, work).or_failure().map(Found::Output),
+            Self::Filter(options) => fit_filter(model, runs, options, work).or_failure().map(Found::Filter),
+            Self::Spectra(options) => fit_spectra(model, runs, options, work).or_failure().map(Found::Spectra),
+            Self::Responses(options) => fit_responses(model, runs, options, work).or_failure().map(Found::Responses),
         }
     }
 }
@@ -481,18 +467,18 @@ impl Found {
     }
 
     /// What the result predicts of runs that were not fitted.
-    fn predicted(&self, runs: &[Run], noise: Noise, progress: &mut Progress) -> Result<Option<Fit>, Failure> {
+    fn predicted(&self, runs: &[Run], noise: Noise, progress: &Progress) -> Result<Option<Fit>, Failure> {
         match self {
             Self::Output(fit) | Self::Filter(FilterFit { fit, .. })
                 if !runs.is_empty() && fit.estimate.termination.is_good() =>
             {
-                fit.predict(runs, noise, progress).or_failure().map(Some)
+                fit.predict(runs, noise, &progress.work()).or_failure().map(Some)
             }
             Self::Spectra(fit) if !runs.is_empty() && fit.estimate.termination.is_good() => {
-                fit.predict(runs, progress).or_failure().map(Some)
+                fit.predict(runs, &progress.work()).or_failure().map(Some)
             }
             Self::Responses(fit) if !runs.is_empty() && fit.is_good() => {
-                fit.predict(runs, progress).or_failure().map(Some)
+                fit.predict(runs, &progress.work()).or_failure().map(Some)
             }
             _ => Ok(None),
         }
@@ -503,8 +489,8 @@ impl Found {
         let e = self.estimate();
         let detail = Detail { intervals: arguments.intervals, verbose };
         let tables = match self {
-            Self::Output(fit) => fit_table(fit, detail),
-            Self::Filter(fit) => filter_table(fit, detail),
+            Self::Output(fit) => fit_table(&FitDocument::of(fit), detail),
+            Self::Filter(fit) => fit_table(&FitDocument::of_filter(fit), detail),
             Self::Spectra(fit) => spectral_table(fit, detail),
             Self::Responses(fit) => fitted_response_table(fit, detail),
         };
@@ -515,15 +501,16 @@ impl Found {
         if let Self::Output(fit) = self
             && !fit.starts.is_empty()
         {
-            text.push_str(&starts_table(&fit.starts, arguments.starts as usize));
+            text.push_str(&starts_table(FitDocument::of(fit).starts(), arguments.starts as usize));
             text.push_str(&format!("{}\n", starts_hint(&fit.model.definition().params)));
         }
         if let Some(fit) = self.in_time().filter(|_| arguments.watch) {
             text.push_str(&format!("\n{}\n", overlays(&histories(fit, runs))));
         }
         if let Self::Output(fit) = self {
-            text.push_str(&confidence(fit));
-            text.push_str(&way(fit));
+            let document = FitDocument::of(fit);
+            text.push_str(&confidence(&document));
+            text.push_str(&way(&document));
         }
         let cost = match self {
             Self::Responses(fit) => fit.cost().map(|c| format!(", average cost {c:.3}")),
@@ -647,7 +634,7 @@ fn has_moved(fit: &Fit) -> bool {
 pub(crate) fn print_so_far(fit: &Fit, output: &Output) -> Ending {
     let e = &fit.estimate;
     let table = || {
-        let table = fit_table(fit, Detail::default());
+        let table = fit_table(&FitDocument::of(fit), Detail::default());
         format!("{}\n\n{table}\n{} after {} iterations\n", title(&fit.model), e.termination, e.iterations)
     };
     output.print(table, || FitDocument::of(fit))?;

@@ -61,9 +61,9 @@ impl Diagnosed {
         let mut all: Vec<Vec<EffectAt>> = self.document.front.iter().map(|m| m.effects.clone()).collect();
         let recommended = self.document.front.iter().find(|m| m.recommended).map(|m| m.effects.clone());
         for cause in &self.document.causes {
-            let place = EffectAt { effect: cause.effect.clone(), targets: cause.targets.clone() };
-            let Some(at) = recommended.as_ref().and_then(|r| r.iter().position(|e| *e == place)) else { continue };
-            for other in cause.group.iter().map(|a| &a.place).filter(|other| **other != place).take(ALTERNATIVES) {
+            let place = &cause.place;
+            let Some(at) = recommended.as_ref().and_then(|r| r.iter().position(|e| e == place)) else { continue };
+            for other in cause.group.iter().map(|a| &a.place).filter(|other| *other != place).take(ALTERNATIVES) {
                 let mut effects = recommended.clone().unwrap_or_default();
                 effects[at] = other.clone();
                 if !all.contains(&effects) {
@@ -143,7 +143,7 @@ impl Diagnosed {
     pub(crate) fn results(
         &self,
         effects: &Effects,
-        progress: &mut Progress,
+        progress: &Progress,
     ) -> Result<Vec<(ResultFolder, Model)>, Failure> {
         if self.document.domain != "time" {
             return Err(Failure::input([format!(
@@ -180,10 +180,10 @@ impl Diagnosed {
         name: &str,
         model: &Model,
         (runs, changes): (&[Run], &Changes),
-        progress: &mut Progress,
+        progress: &Progress,
     ) -> Result<(ResultFolder, Model), Failure> {
         let options = FitOptions { changes: changes.clone(), ..FitOptions::default() }.with_declared_noise(model);
-        let found = fit(model, runs, &options, progress).or_failure()?;
+        let found = fit(model, runs, &options, &progress.work()).or_failure()?;
         let mut contents = Contents::of_fit(&found, runs, &options);
         contents.manifest.data = self.data(Role::Fit).cloned().collect();
         contents.manifest.reading = self.manifest.reading.clone();

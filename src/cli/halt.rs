@@ -1,10 +1,8 @@
-//! When work ends before it is done: by an interrupt, or when the time that was given is over.
+//! `--time-limit`, and what is said of work that ended before it was done.
 
 use crate::failure::remark;
 use clap::Args;
-use fdm_estimate::Stop;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use fdm_estimate::Halt;
 use std::time::{Duration, Instant};
 
 /// How long a command may work.
@@ -41,71 +39,22 @@ fn duration(text: &str) -> Result<Duration, String> {
     if limit.is_zero() { Err(WANTED.into()) } else { Ok(limit) }
 }
 
-/// Tells work that it is to end.
-#[derive(Debug, Clone, Default)]
-pub(crate) struct Halt {
-    interrupted: Arc<AtomicBool>,
-    deadline: Option<Instant>,
-    /// Whether anything was told that the time is over.
-    over: Arc<AtomicBool>,
+/// Says so where an interrupt has ended work that does not tell it itself; says whether none has.
+pub(crate) fn uninterrupted(halt: &Halt) -> bool {
+    let interrupted = halt.is_interrupted();
+    if interrupted {
+        remark(format_args!("interrupted: the result is the best so far"));
+    }
+    !interrupted
 }
 
-impl Halt {
-    /// Ends work when this is set.
-    pub(crate) fn interrupted(&self) -> &Arc<AtomicBool> {
-        &self.interrupted
+/// Says so where the time limit has ended the work, and what it means for the result; says whether it has not.
+pub(crate) fn in_time_or(halt: &Halt, result: &str) -> bool {
+    let over = halt.ran_out_of_time();
+    if over {
+        remark(format_args!("stopped by --time-limit: {result}"));
     }
-
-    /// Ends work at this time too.
-    pub(crate) fn at(self, deadline: Option<Instant>) -> Self {
-        Self { deadline, ..self }
-    }
-
-    /// Why work is to end; none while it may go on.
-    pub(crate) fn stop(&self) -> Option<Stop> {
-        if self.interrupted.load(Ordering::Relaxed) {
-            return Some(Stop::Interrupt);
-        }
-        let over = self.deadline.is_some_and(|deadline| Instant::now() >= deadline);
-        over.then(|| {
-            self.over.store(true, Ordering::Relaxed);
-            Stop::TimeLimit
-        })
-    }
-
-    /// Says so where an interrupt has ended work that does not tell it itself; says whether none has.
-    pub(crate) fn uninterrupted(&self) -> bool {
-        let interrupted = self.interrupted.load(Ordering::Relaxed);
-        if interrupted {
-            remark(format_args!("interrupted: the result is the best so far"));
-        }
-        !interrupted
-    }
-
-    /// Whether work may go on.
-    pub(crate) fn goes_on(&self) -> bool {
-        self.stop().is_none()
-    }
-
-    /// Whether there is time for what a result can do without: it ends with the time, and is not told to have run out of it.
-    pub(crate) fn has_time(&self) -> bool {
-        let over = self.deadline.is_some_and(|deadline| Instant::now() >= deadline);
-        !over && !self.interrupted.load(Ordering::Relaxed)
-    }
-
-    /// Whether work was ended by the time limit.
-    pub(crate) fn ran_out_of_time(&self) -> bool {
-        self.over.load(Ordering::Relaxed)
-    }
-
-    /// Says so where the time limit has ended the work, and what it means for the result; says whether it has not.
-    pub(crate) fn in_time_or(&self, result: &str) -> bool {
-        let over = self.ran_out_of_time();
-        if over {
-            remark(format_args!("stopped by --time-limit: {result}"));
-        }
-        !over
-    }
+    !over
 }
 
 #[cfg(test)]
@@ -122,18 +71,5 @@ mod tests {
         for wrong in ["", "s", "0", "-5s", "5d", "nan", "inf", "1e400", "m5"] {
             assert!(duration(wrong).is_err(), "{wrong}");
         }
-    }
-
-    #[test]
-    fn work_ends_when_the_time_is_over_and_only_then() {
-        let halt = Halt::default().at(Instant::now().checked_add(Duration::from_secs(1000)));
-        assert!(halt.goes_on() && !halt.ran_out_of_time());
-        let halt = Halt::default().at(Some(Instant::now()));
-        // nothing was ended as long as nothing has asked
-        assert!(!halt.ran_out_of_time());
-        assert_eq!(halt.stop(), Some(Stop::TimeLimit));
-        assert!(halt.clone().ran_out_of_time());
-        halt.interrupted().store(true, Ordering::Relaxed);
-        assert_eq!(halt.stop(), Some(Stop::Interrupt));
     }
 }

@@ -292,7 +292,7 @@ pub(crate) fn judged(model: &Model, records: &[(Run, Option<Summary>)]) -> Optio
     findings.extend(examine_repeats(&seen));
     fdm_doctor::sort(&mut findings);
     let assumed = records.iter().filter_map(|(run, summary)| Some(Assumptions::of(&run.name, summary.as_ref()?)));
-    JudgedRecords { assumed: assumed.filter(|a| !a.sentences().is_empty()).collect(), findings }.said()
+    JudgedRecords { assumed: assumed.filter(|a| !a.sentences().is_empty()).collect(), findings }.unless_empty()
 }
 
 /// What is used of the files, and as what.

@@ -34,9 +34,10 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let (trim, modes) = modes(&model)?;
     let covariance = found.and_then(|found| found.folder.result().covariance(&model, &found.run));
     let errors = covariance.map_or(Vec::new(), |covariance| errors(&model, &modes, &covariance));
+    let document = ModesDocument::of(&model, &trim, &modes, &errors);
     ended(match arguments.json {
-        true => print_lines(&as_json(&ModesDocument::of(&model, &trim, &modes, &errors))?),
-        false => print(&modes_table(&model, &trim, &modes, &errors)),
+        true => print_lines(&as_json(&document)?),
+        false => print(&modes_table(&document)),
     })
 }
 

@@ -4,7 +4,7 @@
 use crate::deliver::{Output, write};
 use crate::failure::{Ending, Failure, OrFailure, did_you_mean, ended, remark};
 use crate::fit::{integration_remarks, print_so_far};
-use crate::halt::{Halt, TimeLimit};
+use crate::halt::TimeLimit;
 use crate::load::{Estimated, MeasurementNoise, ModelFile, Records, number};
 use crate::options::Integration;
 use crate::ownership::Overwriting;
@@ -12,7 +12,7 @@ use crate::progress::Progress;
 use crate::progress_file::Course;
 use crate::tasks::Visit;
 use clap::Args;
-use fdm_estimate::{CheckpointStore, Fit, FitOptions, Options, Status, fit_kept};
+use fdm_estimate::{CheckpointStore, Fit, FitOptions, Halt, Options, Status, fit};
 use fdm_lab::job;
 use fdm_lab::study::{End, Profile, Profiler, StudyError};
 use fdm_numeric::parallel;
@@ -82,13 +82,11 @@ pub(crate) struct Profiled {
 }
 
 impl Arguments {
-    pub(crate) fn work(&self, model: &Model, runs: &[Run], progress: &mut Progress) -> Result<Profiled, Failure> {
+    pub(crate) fn work(&self, model: &Model, runs: &[Run], progress: &Progress) -> Result<Profiled, Failure> {
         let options = self.options(model)?;
         let done = self.done.as_deref().map(|done| done as &dyn CheckpointStore);
-        let found = fit_kept(model, runs, &options, done, progress).or_failure()?;
-        let halt = progress.halt();
-        let goes_on = move || halt.goes_on();
-        let profiler = match Profiler::new(&found, runs, &options, &goes_on) {
+        let found = fit(model, runs, &options, &progress.work().keeping(done)).or_failure()?;
+        let profiler = match Profiler::new(&found, runs, &options, &progress.work().keeping(done)) {
             Ok(profiler) => profiler.with_rise(self.rise),
             Err(e) => {
                 progress.finish();
@@ -98,7 +96,7 @@ impl Arguments {
         let names = self.profiled(&found)?;
         progress.say(&format!("profiling {}", names.join(", ")));
         let profiles: Result<Vec<Profile>, StudyError> =
-            parallel::map(names.iter(), |name| profiler.of_kept(name, done)).into_iter().collect();
+            parallel::map(names.iter(), |name| profiler.of(name)).into_iter().collect();
         progress.finish();
         let profiles = profiles.or_failure()?;
         Ok(Profiled { found, profiles: Ok(profiles) })
@@ -131,13 +129,13 @@ impl Arguments {
         self.are_known(&model)?;
         let runs = self.records.read(&model, true)?.runs;
         let options = self.options(&model)?;
-        let mut progress = Progress::hidden(halt.clone(), Course::default());
-        let found = fit_kept(&model, &runs, &options, Some(states), &mut progress).or_failure()?;
-        let goes_on = || halt.goes_on();
-        let profiler = Profiler::new(&found, &runs, &options, &goes_on).map_err(|e| match e.is_of_numbers() {
-            true => Failure::Numbers(e.to_string()),
-            false => Failure::input([e]),
-        })?;
+        let progress = Progress::hidden(halt.clone(), Course::default());
+        let found = fit(&model, &runs, &options, &progress.work().keeping(Some(states))).or_failure()?;
+        let profiler =
+            Profiler::new(&found, &runs, &options, &progress.work()).map_err(|e| match e.is_of_numbers() {
+                true => Failure::Numbers(e.to_string()),
+                false => Failure::input([e]),
+            })?;
         let profiler = profiler.with_rise(self.rise);
         let parameters = self.profiled(&found)?;
         let identity = Identity::of(&model, &runs, &Asked { fit: &options, parameters: &parameters, rise: self.rise });
@@ -162,11 +160,11 @@ impl Arguments {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
-    let mut progress = Progress::new(arguments.output.manner.quiet).within(&arguments.limit);
+    let progress = Progress::new(arguments.output.manner.quiet).within(&arguments.limit);
     let model = arguments.model.load_for(&arguments.records)?;
     arguments.are_known(&model)?;
     let runs = arguments.records.read(&model, arguments.output.manner.quiet)?.runs;
-    let Profiled { found, profiles } = arguments.work(&model, &runs, &mut progress)?;
+    let Profiled { found, profiles } = arguments.work(&model, &runs, &progress)?;
     let profiles = match profiles {
         Ok(profiles) => profiles,
         Err(e) => {

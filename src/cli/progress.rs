@@ -2,15 +2,14 @@
 //! An interrupt ends a fit after the iteration in hand, and what was reached is printed.
 
 use crate::failure::remark;
-use crate::halt::{Halt, TimeLimit};
+use crate::halt::{TimeLimit, in_time_or};
 use crate::progress_file::{Course, CourseWriter};
-use fdm_estimate::{Iteration, Observer, StartSummary, Stop, UnknownName};
-use fdm_lab::study::{Repeat, Watch};
+use fdm_estimate::{Halt, Iteration, Observer, StartSummary, UnknownName, Work};
+use fdm_lab::study::Repeat;
 use fdm_report::{sparkline, visible};
 use fdm_system::Model;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::IsTerminal;
-use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -62,12 +61,12 @@ pub(crate) fn counted(count: usize, what: &str) -> ProgressBar {
     bar(Some(count as u64), count > 1, &template, 200)
 }
 
-/// Watches an estimation.
+/// Follows work.
 pub(crate) struct Progress {
     bar: ProgressBar,
     lines: bool,
     /// The costs so far, where they are to be watched.
-    costs: Option<Vec<f64>>,
+    costs: Option<Mutex<Vec<f64>>>,
     /// Where others read how far it is.
     course: Option<Course>,
     halt: Halt,
@@ -81,7 +80,7 @@ impl Progress {
         let bar = bar(None, !quiet, "{spinner} {msg} [{elapsed}]", 100);
         let progress =
             Self { bar, lines: in_lines(quiet), costs: None, course: None, halt: Halt::default(), silent: false };
-        let interrupted = progress.halt.interrupted();
+        let interrupted = progress.halt.flag();
         for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
             // a second one ends the program at once; where handlers cannot be had the first does
             let _ = signal_hook::flag::register_conditional_default(signal, Arc::clone(interrupted));
@@ -104,7 +103,7 @@ impl Progress {
 
     /// Shows how the cost falls.
     pub(crate) fn watching(mut self, wanted: bool) -> Self {
-        self.costs = wanted.then(Vec::new);
+        self.costs = wanted.then(Mutex::default);
         self
     }
 
@@ -128,13 +127,14 @@ impl Progress {
         }
     }
 
-    fn flow(&self) -> ControlFlow<()> {
-        if self.halt.goes_on() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+    /// Work that is followed here.
+    pub(crate) fn work(&self) -> Work<'_> {
+        Work::until(&self.halt).telling(self)
     }
 
-    /// When to end, for work that is not an estimation.
-    pub(crate) fn halt(&self) -> Halt {
-        self.halt.clone()
+    /// When to end.
+    pub(crate) fn halt(&self) -> &Halt {
+        &self.halt
     }
 
     /// Ends the live line.
@@ -149,35 +149,35 @@ impl Progress {
 
     /// As [`Self::in_time`], with what there is to be said of the result.
     pub(crate) fn in_time_or(&self, result: &str) -> bool {
-        if self.silent { !self.halt.ran_out_of_time() } else { self.halt.in_time_or(result) }
+        if self.silent { !self.halt.ran_out_of_time() } else { in_time_or(&self.halt, result) }
     }
 }
 
 impl Observer for Progress {
-    fn begin(&mut self, names: &dyn Fn() -> Vec<UnknownName>) {
+    fn begin(&self, names: &dyn Fn() -> Vec<UnknownName>) {
         if let Some(course) = &self.course {
             course.lock().names = names();
         }
     }
 
-    fn doing(&mut self, what: &str) {
+    fn doing(&self, what: &str) {
         if let Some(course) = &self.course {
             course.lock().doing = what.to_string();
         }
         self.bar.set_message(what.to_string());
     }
 
-    fn stopped(&mut self) -> Option<Stop> {
-        self.halt.stop()
+    fn stage(&self, what: &str) {
+        self.say(what);
     }
 
-    fn values(&mut self, values: &[f64]) {
+    fn values(&self, values: &[f64]) {
         if let Some(course) = &self.course {
             course.lock().values = values.to_vec();
         }
     }
 
-    fn iteration(&mut self, iteration: &Iteration) -> ControlFlow<()> {
+    fn iteration(&self, iteration: &Iteration) {
         if let Some(course) = &self.course {
             let mut course = course.lock();
             // another estimation begins
@@ -188,27 +188,26 @@ impl Observer for Progress {
         }
         let Iteration { number, cost, step, refused, .. } = iteration;
         let tried = if *refused > 0 { format!(", {refused} rejected") } else { String::new() };
-        if *number == 0 {
-            self.costs.iter_mut().for_each(Vec::clear);
-        }
-        let fallen = self.costs.as_mut().map_or(String::new(), |costs| {
+        let fallen = self.costs.as_ref().map_or(String::new(), |costs| {
+            let mut costs = costs.lock().unwrap_or_else(PoisonError::into_inner);
+            if *number == 0 {
+                costs.clear();
+            }
             costs.push(*cost);
-            format!("   {}", sparkline(costs))
+            format!("   {}", sparkline(&costs))
         });
         self.say(&format!(
             "iteration {number:3}   cost {cost:.9e}   largest step {step:.2e} standard errors{tried}{fallen}"
         ));
-        self.flow()
     }
 
-    fn start_iteration(&mut self, number: usize, iteration: &Iteration) -> ControlFlow<()> {
+    fn start_iteration(&self, number: usize, iteration: &Iteration) {
         // lines are for those that have ended: many at once would drown them
         let Iteration { number: of_start, cost, .. } = iteration;
         self.bar.set_message(format!("start {number}, iteration {of_start}, cost {cost:.9e}"));
-        self.flow()
     }
 
-    fn start_ended(&mut self, start: &StartSummary, ended: usize, count: usize) -> ControlFlow<()> {
+    fn start_ended(&self, start: &StartSummary, ended: usize, count: usize) {
         if let Some(course) = &self.course {
             let mut course = course.lock();
             course.starts.0.push(start.clone());
@@ -216,7 +215,6 @@ impl Observer for Progress {
         }
         let cost = start.cost.map_or(String::from("failed"), |c| format!("cost {c:.9e}"));
         self.say(&format!("{ended} of {count} starts ended   start {}: {cost}, {}", start.number, start.message));
-        self.flow()
     }
 }
 
@@ -277,6 +275,20 @@ impl RepeatProgress {
         so_far
     }
 
+    /// Work that is followed here.
+    pub(crate) fn work(&self) -> Work<'_> {
+        Work::until(&self.halt).telling(self)
+    }
+
+    /// What came of one of them, by its number.
+    pub(crate) fn came(&self, number: u64, repeat: &Repeat) {
+        if let Some(so_far) = &self.so_far
+            && let Some(place) = so_far.lock().repeats.get_mut(number as usize)
+        {
+            *place = Some(repeat.clone());
+        }
+    }
+
     /// Ends the live line.
     pub(crate) fn finish(&self) {
         self.bar.finish_and_clear();
@@ -288,16 +300,8 @@ impl RepeatProgress {
     }
 }
 
-impl Watch for RepeatProgress {
-    fn came(&self, number: u64, repeat: &Repeat) {
-        if let Some(so_far) = &self.so_far
-            && let Some(place) = so_far.lock().repeats.get_mut(number as usize)
-        {
-            *place = Some(repeat.clone());
-        }
-    }
-
-    fn ended(&self, done: usize) {
+impl Observer for RepeatProgress {
+    fn parts_ended(&self, done: usize) {
         if let Some(so_far) = &self.so_far {
             so_far.lock().first.get_or_insert((done, Instant::now()));
         }
@@ -306,10 +310,6 @@ impl Watch for RepeatProgress {
         if self.lines && done > 0 && done.is_multiple_of(tenth) {
             line(format_args!("{}{done} of {} repeats", self.prefix(), self.count));
         }
-    }
-
-    fn goes_on(&self) -> bool {
-        self.halt.goes_on()
     }
 }
 

@@ -3,7 +3,7 @@
 
 use crate::deliver::{Delivery, Outcome, Output, Places, Prepared, prepare, write};
 use crate::failure::{Ending, Failure, OrFailure, ended, remark};
-use crate::halt::{Halt, TimeLimit};
+use crate::halt::{TimeLimit, in_time_or};
 use crate::load::{Campaign, Estimated, ModelFile, Records, band, number};
 use crate::methods::given;
 use clap::{Args, ValueEnum};
@@ -11,7 +11,7 @@ use fdm_estimate::equation_error::{
     Components, Dependence, Detrend, Domain, Limits, Preprocessing, RecursiveOptions, RegressionError,
     RegressionOptions, Smoothing, by_cutoff, by_length, regress, structure,
 };
-use fdm_estimate::{BestOptions, Changes, Criterion, Noise, best_iterate, changed};
+use fdm_estimate::{BestOptions, Changes, Criterion, Halt, Noise, best_iterate, changed};
 use fdm_report::{
     dependence_table, recursive_histories, recursive_table, recursive_times, regression_table, structure_table, svg,
 };
@@ -227,7 +227,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         document = document.with_dependence(cutoff, length);
     }
     let ending = deliver(&prepared, &model, &campaign, &options, (text, document.into()), determined)?;
-    if halt.in_time_or("the result is the best so far") { Ok(ending) } else { ended(false) }
+    if in_time_or(&halt, "the result is the best so far") { Ok(ending) } else { ended(false) }
 }
 
 /// `fdm fit --method equation-error`: all samples at once, in the time domain or at these frequencies.
@@ -256,7 +256,8 @@ pub(crate) fn estimates(
     options: &RegressionOptions,
 ) -> Result<(String, RegressionDocument, bool), RegressionError> {
     let found = regress(model, runs, options)?;
-    Ok((regression_table(&found), RegressionDocument::of(model.name(), &found), !found.is_undetermined()))
+    let document = RegressionDocument::of(model.name(), &found);
+    Ok((regression_table(&document), document, !found.is_undetermined()))
 }
 
 fn deliver(

@@ -8,9 +8,10 @@ use crate::options::Repeats;
 use crate::progress::{Progress, RepeatProgress, counted};
 use crate::tasks::Visit;
 use clap::Args;
+use fdm_estimate::Halt;
 use fdm_lab::experiment::{Catalogue, Experiment, ExperimentError, Outcome, reproduce, tables};
 use fdm_lab::job;
-use fdm_lab::study::{Colour, FORM, Study, System, Watch, series};
+use fdm_lab::study::{Colour, FORM, Study, System, series};
 use fdm_report::{outcome_table, outcomes_markdown, outcomes_table, studies_markdown, studies_text};
 use fdm_results::store::{Identity, read_input};
 use fdm_system::Model;
@@ -240,7 +241,7 @@ impl Arguments {
         if system.subjects().is_empty() {
             return Err(Failure::input([nothing_to_repeat(&experiment.name)]));
         }
-        let once = |k: u64, watch: &dyn Watch| system.once(k, watch);
+        let once = |k: u64, halt: &Halt| system.once(k, halt);
         visit(&job::Repeats { once: &once, count: count.into() }, &identity)
     }
 
@@ -272,13 +273,13 @@ impl Arguments {
     /// Studies experiments one after the other, and prints what came of them.
     fn study(&self, experiments: &[Experiment], count: usize) -> Ending {
         let colours = self.colours()?;
-        let halt = Progress::new(true).halt();
+        let progress = Progress::new(true);
         let (mut studies, mut whole, mut wrong) = (Vec::new(), true, Vec::new());
         for experiment in experiments {
             for colour in &colours {
                 let name = &experiment.name;
-                let watch = RepeatProgress::new(name, count, false, halt.clone());
-                if !watch.goes_on() {
+                let watch = RepeatProgress::new(name, count, false, progress.halt().clone());
+                if !progress.halt().goes_on() {
                     whole = false;
                     continue;
                 }
@@ -328,7 +329,8 @@ impl Arguments {
             return Ok(None);
         }
         let checkpoint = self.repetition.checkpoints.open_within(&folder, &identity, false)?;
-        let repeats = series(count, checkpoint.keeper(), watch, &|k| system.once(k, watch));
+        let work = watch.work().keeping(checkpoint.keeper());
+        let repeats = series(count, &work, &|k, repeat| watch.came(k, repeat), &|k| system.once(k, work.halt()));
         watch.finish();
         let study = Study::of(&experiment.name, (colour, seed), system.subjects(), &repeats);
         Ok(Some((study, checkpoint.close())))

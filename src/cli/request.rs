@@ -10,7 +10,6 @@ use crate::diagnose::{is_of_numbers, refused, search};
 use crate::effects::{as_text, difference, subject_of};
 use crate::failure::{Failure, as_json};
 use crate::fit::{Made, Task};
-use crate::halt::Halt;
 use crate::load::{Records, notes, number_equal_names, read_records, told_apart};
 use crate::methods::{Domain, Method};
 use crate::progress::{Progress, RepeatProgress};
@@ -22,7 +21,7 @@ use crate::{
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Args, Command};
 use fdm_discover::{Diagnosis, DiagnosisError};
-use fdm_estimate::{Estimate, Fit, FitOptions, Iteration, Noise, UnknownName};
+use fdm_estimate::{Estimate, Fit, FitOptions, Halt, Iteration, Noise, UnknownName};
 use fdm_lab::study::{Repeat, StudyError, series};
 use fdm_readers::{Field, Topic};
 use fdm_report::{
@@ -146,12 +145,12 @@ pub struct Seen {
 impl Watch {
     /// Asks the work to end with the best so far.
     pub fn stop(&self) {
-        self.halt.interrupted().store(true, std::sync::atomic::Ordering::Relaxed);
+        self.halt.interrupt();
     }
 
     /// Whether it was asked to end.
     pub fn is_stopped(&self) -> bool {
-        self.halt.interrupted().load(std::sync::atomic::Ordering::Relaxed)
+        self.halt.is_interrupted()
     }
 
     /// How far the work is.
@@ -354,12 +353,12 @@ pub fn fit(
         let of = Of::Regressed { model: Box::new(changed), text, document: Box::new(document), determined };
         return Ok(Fitted { records, runs, of, manifest, whole: true });
     }
-    let mut progress = watch.progress(&arguments.limit);
+    let progress = watch.progress(&arguments.limit);
     let options = arguments.options(question, &model)?;
     let task = Task::new(&arguments, options, &model, &runs)?;
     let checkpoint = arguments.checkpoints.open(&task.identity, true)?;
-    let found = task.work(&model, &runs, checkpoint.keeper(), &mut progress)?;
-    let made = task.made(found, (&runs, &predicted), &mut progress)?.with_records(judged(&model, &all));
+    let found = task.work(&model, &runs, &progress.work().keeping(checkpoint.keeper()))?;
+    let made = task.made(found, (&runs, &predicted), &progress)?.with_records(judged(&model, &all));
     let manifest = Manifest::new(&model, made.identity.clone(), made.noise.clone());
     let manifest = described(made.manifest(manifest), &records);
     let whole = checkpoint.close() && progress.in_time();
@@ -451,8 +450,8 @@ impl Fitted {
 /// [`Refusal`]
 pub fn validate(files: &[NamedFile], model: &Model, runs: &[Run], watch: &Watch) -> Result<Fit, Refusal> {
     let kept = kept(files)?;
-    let mut progress = Progress::hidden(watch.halt.clone(), watch.course.clone());
-    let found = fdm_estimate::fit(model, runs, &kept.validation(model), &mut progress);
+    let progress = Progress::hidden(watch.halt.clone(), watch.course.clone());
+    let found = fdm_estimate::fit(model, runs, &kept.validation(model), &progress.work());
     found.map_err(|e| Refusal::Input(vec![e.to_string()]))
 }
 
@@ -487,7 +486,7 @@ pub fn diagnose(
     let predicted = validation_runs(&records, &mut validation);
     let options = arguments.options(&model, domain);
     let progress = watch.progress(&arguments.limit);
-    let (found, in_time) = search(&model, (&runs, &predicted), (&catalogue, &options), progress);
+    let (found, in_time) = search(&model, (&runs, &predicted), (&catalogue, &options), &progress);
     let found = match found {
         Err(DiagnosisError::Stopped) => return Err(Refusal::Stopped),
         Err(error) if is_of_numbers(&error) => return Err(Refusal::Numbers(error.to_string())),
@@ -495,12 +494,12 @@ pub fn diagnose(
     };
     let name = Path::new(model.source().name());
     let changed = found.extended.as_ref().map(|text| difference(model.source().text(), text, name)).unwrap_or_default();
-    let mut text = diagnosis_text(&found);
+    let all: Vec<Record> = records.iter().chain(&validation).cloned().collect();
+    let document = DiagnosisDocument { records: judged(&model, &all), ..DiagnosisDocument::of(&found, None) };
+    let mut text = diagnosis_text(&document);
     if !changed.is_empty() {
         text.push_str(&format!("\n{changed}"));
     }
-    let all: Vec<Record> = records.iter().chain(&validation).cloned().collect();
-    let document = DiagnosisDocument { records: judged(&model, &all), ..DiagnosisDocument::of(&found, None) };
     let json = as_json(&document)?;
     let all: Vec<Run> = runs.iter().chain(&predicted).cloned().collect();
     let noise = options.fit.options.noise.clone();
@@ -549,8 +548,8 @@ pub fn calibrate(model: &Model, mut records: Vec<Record>, words: &[String], watc
     strictly(&model, &records, &arguments.records)?;
     let runs = runs(&mut records);
     let options = arguments.options(&model)?;
-    let mut progress = watch.progress(&arguments.limit);
-    let found = arguments.calibrated((&model, &runs), &options, &mut progress)?;
+    let progress = watch.progress(&arguments.limit);
+    let found = arguments.calibrated((&model, &runs), &options, &progress)?;
     let good = progress.in_time() && !watch.is_stopped() && found.is_good();
     let answer = Answer::of(calibration_text(&found), &found, good)?;
     let page = fdm_report::page::calibration_page(&found);
@@ -574,17 +573,18 @@ pub fn study(
     let options = arguments.options(&model)?;
     let identity = arguments.identity(&model, &runs, &options)?;
     let checkpoint = arguments.repetition.checkpoints.open(&identity, true)?;
-    let mut progress = watch.progress(&arguments.limit);
-    let first = first(&model, &runs, &options, &mut progress)?;
+    let progress = watch.progress(&arguments.limit);
+    let first = first(&model, &runs, &options, &progress)?;
     let bootstrap = arguments.bootstrap(&first, &runs, &options)?.map_err(unstudied)?;
-    let mut repeat_watch = RepeatProgress::new("", arguments.repeats as usize, true, progress.halt());
+    let mut repeat_watch = RepeatProgress::new("", arguments.repeats as usize, true, progress.halt().clone());
     {
         let mut course = watch.course.lock();
         course.doing = "Monte Carlo repeats".into();
         course.repeats = Some(repeat_watch.remembering());
     }
-    let once = |k: u64| bootstrap.once(k, &repeat_watch);
-    let repeats = series(arguments.repeats as usize, checkpoint.keeper(), &repeat_watch, &once);
+    let work = repeat_watch.work().keeping(checkpoint.keeper());
+    let came = |k: u64, repeat: &Repeat| repeat_watch.came(k, repeat);
+    let repeats = series(arguments.repeats as usize, &work, &came, &|k| bootstrap.once(k, work.halt()));
     let found = bootstrap.study(&repeats);
     let whole = checkpoint.close() && progress.in_time();
     let good = whole && first.is_integrated() && found.is_whole() && found.converged > 0;
@@ -603,8 +603,8 @@ pub struct Repeats {
     pub repeats: Vec<Option<Repeat>>,
 }
 
-fn first(model: &Model, runs: &[Run], options: &FitOptions, progress: &mut Progress) -> Result<Fit, Refusal> {
-    fdm_estimate::fit(model, runs, options, progress).map_err(|e| Refusal::Input(vec![e.to_string()]))
+fn first(model: &Model, runs: &[Run], options: &FitOptions, progress: &Progress) -> Result<Fit, Refusal> {
+    fdm_estimate::fit(model, runs, options, &progress.work()).map_err(|e| Refusal::Input(vec![e.to_string()]))
 }
 
 fn unstudied(error: StudyError) -> Refusal {
@@ -621,8 +621,8 @@ pub fn profile(model: &Model, mut records: Vec<Record>, words: &[String], watch:
     arguments.are_known(&model)?;
     strictly(&model, &records, &arguments.records)?;
     let runs = runs(&mut records);
-    let mut progress = watch.progress(&arguments.limit);
-    let profiled = arguments.work(&model, &runs, &mut progress)?;
+    let progress = watch.progress(&arguments.limit);
+    let profiled = arguments.work(&model, &runs, &progress)?;
     let profiles = profiled.profiles.map_err(|e| if watch.is_stopped() { Refusal::Stopped } else { unstudied(e) })?;
     let good = progress.in_time() && !watch.is_stopped() && profiled.found.is_integrated();
     Answer::of(profile_table(&profiles), &profiles, good)
@@ -644,9 +644,8 @@ pub fn design(
     let folder = result.map(kept).transpose()?;
     let question = arguments.question(&model, folder.as_ref(), runs(&mut records))?;
     let progress = watch.progress(&arguments.limit);
-    let halt = progress.halt();
     progress.say("comparing manoeuvres");
-    let found = fdm_lab::design::design_while(&question, &|| halt.goes_on()).map_err(Refusal::Input)?;
+    let found = fdm_lab::design::design(&question, progress.halt()).map_err(Refusal::Input)?;
     let answer = Answer::of(design_table(&found, &model), &found, progress.in_time() && !watch.is_stopped())?;
     Ok(Answer { files: design::planned(&question, &found), ..answer })
 }
@@ -669,7 +668,8 @@ pub fn spectra(model: &Model, mut records: Vec<Record>, words: &[String]) -> Res
 /// [`Refusal`]
 pub fn modes(model: &Model) -> Result<Answer, Refusal> {
     let (trim, modes) = modes::modes(model)?;
-    Answer::of(modes_table(model, &trim, &modes, &[]), &ModesDocument::of(model, &trim, &modes, &[]), true)
+    let document = ModesDocument::of(model, &trim, &modes, &[]);
+    Answer::of(modes_table(&document), &document, true)
 }
 
 /// `fdm margins` of a result in memory.
@@ -851,7 +851,8 @@ mod tests {
             fit(&model, vec![record(&model)], vec![], &words(&["--set=k=0.9"]), &Watch::default()).expect("a fit");
         let changes = fdm_estimate::Changes { set: vec![("k".into(), 0.9)], ..Default::default() };
         let options = FitOptions { changes, ..FitOptions::default() };
-        let other = fdm_estimate::fit(&model, &[record(&model).run], &options, &mut ()).expect("a fit");
+        let other =
+            fdm_estimate::fit(&model, &[record(&model).run], &options, &fdm_estimate::Work::default()).expect("a fit");
         let value = |e: &Estimate| e.parameters[0].value.to_bits();
         assert_eq!(found.estimate().map(value), Some(value(&other.estimate)));
         let files = found.files().expect("files");

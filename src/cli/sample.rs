@@ -130,8 +130,7 @@ impl Arguments {
         let (posterior, mut remarks) = posterior(folder, &model, runs, self.white)?;
         let sampling = self.sampling();
         progress.say(&format!("sampling {} unknowns with {} chains", posterior.unknowns(), sampling.chains));
-        let halt = progress.halt();
-        let samples = match sample(&posterior, &sampling, &|| halt.goes_on()) {
+        let samples = match sample(&posterior, &sampling, progress.halt()) {
             Ok(samples) => samples,
             Err(e @ SampleError::NotFinite) => return Err(Failure::Numbers(e.to_string())),
             Err(e) => return Err(Failure::input([e])),

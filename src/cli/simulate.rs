@@ -8,7 +8,7 @@ use crate::load::{ModelOrResult, RunList, Selection, positive, read_runs, with_f
 use crate::options::Integration;
 use crate::ownership::{Overwriting, refuse_other_tables};
 use clap::Args;
-use fdm_estimate::{FitOptions, initial_guess, initial_values};
+use fdm_estimate::{FitOptions, Work, initial_guess, initial_values};
 use fdm_lab::posterior::Bands;
 use fdm_results::documents::{ChannelDocument, Diverged, ResponseDocument};
 use fdm_results::store::{DataFile, ResultError, ResultFolder};
@@ -205,7 +205,7 @@ fn theta(model: &Model, run: &Run, folder: Option<&ResultFolder>, arguments: &Ar
         params.iter_mut().zip(&theta).for_each(|(param, value)| param.value = *value);
         let options = arguments.integration.among(FitOptions::default());
         let runs = std::slice::from_ref(run);
-        let own = initial_values(&model.with_params(params), runs, length, &options, &mut ()).or_failure()?;
+        let own = initial_values(&model.with_params(params), runs, length, &options, &Work::default()).or_failure()?;
         own.into_iter().for_each(|values| theta = values);
     }
     for (value, param) in theta.iter_mut().zip(&model.definition().params) {

@@ -3,7 +3,7 @@
 use crate::deliver::{Delivery, NamedFile, Outcome, title, write};
 use crate::failure::{Ending, Failure, OrFailure, as_json, ended, remark};
 use crate::fit::{integration_remarks, print_so_far};
-use crate::halt::{Halt, TimeLimit};
+use crate::halt::TimeLimit;
 use crate::load::{Estimated, MeasurementNoise, ModelFile, Records};
 use crate::margins;
 use crate::options::{Integration, Repeats};
@@ -11,11 +11,11 @@ use crate::progress::{Progress, RepeatProgress};
 use crate::progress_file::Course;
 use crate::tasks::Visit;
 use clap::Args;
-use fdm_estimate::{CheckpointStore, Fit, FitOptions, Options, fit_kept};
+use fdm_estimate::{CheckpointStore, Fit, FitOptions, Halt, Options, fit};
 use fdm_lab::job;
 use fdm_lab::posterior::{Calibration, Posterior, Ranks, SampleError, Sampling, calibrated, sample};
 use fdm_lab::requirement::Draws;
-use fdm_lab::study::{Bootstrap, Colour, FORM, Repeat, Study, StudyError, Watch, series};
+use fdm_lab::study::{Bootstrap, Colour, FORM, Repeat, Study, StudyError, series};
 use fdm_numeric::parallel;
 use fdm_report::page::calibration_page;
 use fdm_report::{Detail, calibration_text, fit_table, repeat_columns, study_table};
@@ -83,13 +83,13 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let options = arguments.options(&model)?;
     let identity = arguments.identity(&model, runs, &options)?;
     if arguments.calibration {
-        return arguments.print_calibration((&model, runs), &options, &mut progress);
+        return arguments.print_calibration((&model, runs), &options, &progress);
     }
     // places that cannot be written are told before the work
     let prepared = arguments.delivery.prepare(&model, runs)?;
     let checkpoint = checkpoints.open(&identity, quiet)?;
     let (writer, course) = prepared.follow(&model, checkpoints.folder(), &mut progress);
-    let first = fit_kept(&model, runs, &options, checkpoint.keeper(), &mut progress);
+    let first = fit(&model, runs, &options, &progress.work().keeping(checkpoint.keeper()));
     progress.finish();
     let first = first.or_failure()?;
     let bootstrap = match arguments.bootstrap(&first, runs, &options)? {
@@ -100,7 +100,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         }
         Err(e) => return Err(Failure::input([e])),
     };
-    let mut watch = RepeatProgress::new("", count, quiet, progress.halt());
+    let mut watch = RepeatProgress::new("", count, quiet, progress.halt().clone());
     if writer.is_writing() {
         let so_far = watch.remembering();
         let (name, subjects) = (model.name().to_string(), bootstrap.subjects().to_vec());
@@ -112,7 +112,8 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
             (Study::of(name.clone(), noise, &subjects, &repeats), left)
         }));
     }
-    let repeats = series(count, checkpoint.keeper(), &watch, &|k: u64| bootstrap.once(k, &watch));
+    let work = watch.work().keeping(checkpoint.keeper());
+    let repeats = series(count, &work, &|k, repeat| watch.came(k, repeat), &|k| bootstrap.once(k, work.halt()));
     watch.finish();
     let study = bootstrap.study(&repeats);
 
@@ -141,14 +142,14 @@ impl Arguments {
         let runs = self.records.read(&model, true)?.runs;
         let options = self.options(&model)?;
         let identity = self.identity(&model, &runs, &options)?;
-        let mut progress = Progress::hidden(halt.clone(), Course::default());
-        let first = fit_kept(&model, &runs, &options, Some(states), &mut progress).or_failure()?;
+        let progress = Progress::hidden(halt.clone(), Course::default());
+        let first = fit(&model, &runs, &options, &progress.work().keeping(Some(states))).or_failure()?;
         let refused = |e: StudyError| match e.is_of_numbers() {
             true => Failure::Numbers(e.to_string()),
             false => Failure::input([e]),
         };
         let bootstrap = self.bootstrap(&first, &runs, &options)?.map_err(refused)?;
-        let once = |k: u64, watch: &dyn Watch| bootstrap.once(k, watch);
+        let once = |k: u64, halt: &Halt| bootstrap.once(k, halt);
         visit(&job::Repeats { once: &once, count: self.repeats.into() }, &identity)
     }
 
@@ -157,9 +158,9 @@ impl Arguments {
         &self,
         (model, runs): (&Model, &[Run]),
         options: &FitOptions,
-        progress: &mut Progress,
+        progress: &Progress,
     ) -> Result<CalibrationDocument, Failure> {
-        let first = fit_kept(model, runs, options, None, progress).or_failure()?;
+        let first = fit(model, runs, options, &progress.work()).or_failure()?;
         if !first.estimate.termination.is_good() {
             let e = StudyError::Astray { reason: first.estimate.termination.to_string() };
             return Err(Failure::Numbers(e.to_string()));
@@ -169,26 +170,25 @@ impl Arguments {
         let (seed, warmup) = (self.repetition.seed, self.warmup as usize);
         let sampling = Sampling { chains: 4, draws: 1000, warmup, seed, target: 0.8, most_depth: 10 };
         let halt = progress.halt();
-        let goes_on = || halt.goes_on();
         progress.say("sampling the posterior");
         let refused = |e: SampleError| match e {
             SampleError::NotFinite => Failure::Numbers(e.to_string()),
             e => Failure::input([e]),
         };
-        let samples = sample(&posterior, &sampling, &goes_on).map_err(refused)?;
+        let samples = sample(&posterior, &sampling, halt).map_err(refused)?;
         if !samples.whole {
             return Err(Failure::Numbers("it was stopped before there were draws".into()));
         }
         progress.say("calibrating");
         let calibration = Calibration::new(&posterior, &samples, sampling);
-        let once = |k: u64| if goes_on() { calibration.once(k, &goes_on) } else { Ok(None) };
+        let once = |k: u64| if halt.goes_on() { calibration.once(k, halt) } else { Ok(None) };
         let repeats: Result<Vec<Option<Ranks>>, SampleError> =
             parallel::map(0..u64::from(self.repeats), once).into_iter().collect();
         Ok(calibrated(model.name(), seed, &samples.names, &repeats.map_err(refused)?))
     }
 
     /// Prints a calibration as a command does.
-    fn print_calibration(&self, of: (&Model, &[Run]), options: &FitOptions, progress: &mut Progress) -> Ending {
+    fn print_calibration(&self, of: (&Model, &[Run]), options: &FitOptions, progress: &Progress) -> Ending {
         let places = &self.delivery.places;
         let kept = self.delivery.plot.is_some() || !self.repetition.checkpoints.given().is_empty();
         if places.out.is_some() || kept {
@@ -267,9 +267,10 @@ fn tables(
         csv.push_str(&columns.iter().map(|(_, values)| cell(values[row])).collect::<Vec<_>>().join(","));
     }
     csv.push('\n');
+    let detail = Detail { verbose: true, ..Detail::default() };
     Ok(vec![
         ("study.json".into(), as_json(study)?.into_bytes()),
-        ("fit.txt".into(), fit_table(first, Detail { verbose: true, ..Detail::default() }).into_bytes()),
+        ("fit.txt".into(), fit_table(&FitDocument::of(first), detail).into_bytes()),
         ("repeats.csv".into(), csv.into_bytes()),
     ])
 }

@@ -1,19 +1,20 @@
 //! What a command shows of itself where it is cut into tasks.
 
 use crate::failure::Failure;
-use fdm_lab::job::{Kind, Work};
+use fdm_estimate::Halt;
+use fdm_lab::job::{Kind, Tasks};
 use fdm_results::store::Identity;
 
 /// Sees the tasks of a command, ready to be done, and what their bits depend on.
-pub(crate) type Visit<'v> = &'v mut (dyn FnMut(&dyn Work, &Identity) -> Result<(), Failure> + 'v);
+pub(crate) type Visit<'v> = &'v mut (dyn FnMut(&dyn Tasks, &Identity) -> Result<(), Failure> + 'v);
 
 /// Does a command as one task; none where it was interrupted.
 pub(crate) type WholeResult = Result<Option<Vec<u8>>, Failure>;
 
 /// A command that is one task.
-pub(crate) struct WholeCommand<'c>(pub(crate) &'c (dyn Fn(&(dyn Fn() -> bool + Sync)) -> WholeResult + Sync));
+pub(crate) struct WholeCommand<'c>(pub(crate) &'c (dyn Fn(&Halt) -> WholeResult + Sync));
 
-impl Work for WholeCommand<'_> {
+impl Tasks for WholeCommand<'_> {
     fn kind(&self) -> Kind {
         Kind::Whole
     }
@@ -22,8 +23,8 @@ impl Work for WholeCommand<'_> {
         1
     }
 
-    fn once(&self, _: u64, goes_on: &(dyn Fn() -> bool + Sync)) -> Result<Option<Vec<u8>>, String> {
-        (self.0)(goes_on).map_err(|e| said(&e))
+    fn once(&self, _: u64, halt: &Halt) -> Result<Option<Vec<u8>>, String> {
+        (self.0)(halt).map_err(|e| said(&e))
     }
 }
 

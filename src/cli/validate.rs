@@ -12,12 +12,9 @@ use crate::progress::Progress;
 use clap::Args;
 use fdm_discover::{LackOfFit, RunResidual, lack_of_fit};
 use fdm_estimate::residuals::Baseline;
-use fdm_estimate::{Fit, fit, fit_from_beginnings};
+use fdm_estimate::{Fit, fit, fit_from_initial_conditions};
 use fdm_lab::posterior::Bands;
-use fdm_report::{
-    Detail, band_table, band_verdict, baseline_table, estimate_text, fit_verdict, validation_by_frequency,
-    validation_by_time, validation_table,
-};
+use fdm_report::{Detail, band_verdict, estimate_text, fit_verdict, validation_text};
 use fdm_results::documents::{BandCoverage, FitDocument, ResultDocument, Validation};
 use fdm_results::store::{Identity, ResultFolder};
 use fdm_system::record::{Run, Sampling};
@@ -58,8 +55,8 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let prepared = arguments.delivery.prepare(&model, runs)?;
     let (_writer, _) = prepared.follow(&model, None, &mut progress);
     let result = match arguments.initial_from {
-        None => fit(&model, runs, &options, &mut progress),
-        Some(length) => fit_from_beginnings(&model, runs, length, &options, &mut progress),
+        None => fit(&model, runs, &options, &progress.work()),
+        Some(length) => fit_from_initial_conditions(&model, runs, length, &options, &progress.work()),
     };
     progress.finish();
     let fit = result.or_failure()?;
@@ -86,13 +83,13 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         of: folder.folder().display().to_string(),
         outputs: fit.quality.clone(),
         fitted_outputs: folder.quality().to_vec(),
-        lack_of_fit: errors.clone(),
-        bands: covered.clone(),
+        lack_of_fit: errors,
+        bands: covered,
     };
-    let document = FitDocument { validation: Some(validation), ..FitDocument::of(&fit) };
+    let document = FitDocument { validation: Some(validation.clone()), ..FitDocument::of(&fit) };
     let told = |verbose: bool| {
         let detail = Detail { verbose, ..Detail::default() };
-        text(&fit, (&folder, &fit_verdict(&document)), (&baselines, &errors, &covered), detail)
+        text(&fit, &validation, &fit_verdict(&document), &baselines, detail)
     };
     let (text, whole) = (told(arguments.delivery.output.manner.verbose), Some(told(true)));
     let json = document.into();
@@ -154,28 +151,12 @@ fn covered(fit: &Fit, runs: &[Run], bands: &[Option<Bands>]) -> Vec<BandCoverage
     all
 }
 
-fn text(
-    fit: &Fit,
-    (folder, verdict): (&ResultFolder, &str),
-    (baselines, errors, covered): (&[Baseline], &[LackOfFit], &[BandCoverage]),
-    detail: Detail,
-) -> String {
-    let mut text = format!("{}: validation of the result in {}\n", fit.model.name(), folder.folder().display());
-    text.push_str(&format!("{verdict}\n"));
-    band_verdict(covered).iter().for_each(|said| text.push_str(&format!("{said}\n")));
-    text.push('\n');
-    text.push_str(&validation_table(&fit.quality, folder.quality()));
-    text.push_str(&format!("\n{}", baseline_table(baselines)));
-    if !covered.is_empty() {
-        text.push_str(&format!("\n{}", band_table(covered)));
-    }
-    if !errors.is_empty() {
-        let time = fit.model.definition().time.to_string();
-        text.push_str(&format!("\n{}", validation_by_time(errors, &time)));
-        text.push_str(&format!("\n{}\n", validation_by_frequency(errors, &time)));
-        errors.iter().flat_map(|m| &m.sentences).for_each(|sentence| text.push_str(&format!("{sentence}\n")));
-    }
-    text.push_str(&format!("\n{}\n", estimate_text(&fit.estimate, detail)));
-    text.push_str(&format!("{} after {} iterations\n", fit.estimate.termination, fit.estimate.iterations));
+fn text(fit: &Fit, validation: &Validation, verdict: &str, baselines: &[Baseline], detail: Detail) -> String {
+    let (e, time) = (&fit.estimate, fit.model.definition().time.to_string());
+    let mut text = format!("{}: validation of the result in {}\n{verdict}\n", fit.model.name(), validation.of);
+    band_verdict(&validation.bands).iter().for_each(|said| text.push_str(&format!("{said}\n")));
+    text.push_str(&format!("\n{}\n", validation_text(validation, baselines, &time)));
+    text.push_str(&format!("{}\n", estimate_text(e, detail)));
+    text.push_str(&format!("{} after {} iterations\n", e.termination, e.iterations));
     text
 }

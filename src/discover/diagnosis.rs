@@ -47,7 +47,35 @@ pub struct NewValue {
     /// Its unit, where the model has units.
     pub unit: Option<String>,
     /// The value at which the effect vanishes; none for a nuisance.
+    #[serde(default, with = "maybe_infinite")]
     pub null: Option<f64>,
+}
+
+/// A number that may be infinite, for which JSON has no number: the word `inf` or `-inf`.
+mod maybe_infinite {
+    use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
+
+    #[derive(Deserialize)]
+    #[serde(untagged)]
+    enum Read {
+        Number(f64),
+        Word(String),
+    }
+
+    pub(super) fn serialize<S: Serializer>(value: &Option<f64>, to: S) -> Result<S::Ok, S::Error> {
+        match value {
+            Some(v) if !v.is_finite() => to.serialize_str(&v.to_string()),
+            value => value.serialize(to),
+        }
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Option<f64>, D::Error> {
+        let read = |read: Read| match read {
+            Read::Number(v) => Ok(v),
+            Read::Word(word) => word.parse().map_err(D::Error::custom),
+        };
+        Option::<Read>::deserialize(from)?.map(read).transpose()
+    }
 }
 
 /// An alternative that these data cannot tell from the best effect.

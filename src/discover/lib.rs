@@ -29,4 +29,4 @@ pub use disturbance::{
     Site, Suggestion, Suggestions,
 };
 pub use lack_of_fit::{AmplitudeBin, Band, Gain, LackOfFit, RunResidual, Window, lack_of_fit};
-pub use selection::{DiagnosisError, DiagnosisOptions, Domain, Progress, diagnose, diagnose_while};
+pub use selection::{DiagnosisError, DiagnosisOptions, Domain, diagnose};

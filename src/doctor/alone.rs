@@ -9,6 +9,7 @@ use crate::likelihood::{Begin, Evidence};
 use crate::record::Record;
 use crate::search::{Search, faults};
 use crate::{runs_of_values, time, values};
+use fdm_estimate::Work;
 use fdm_numeric::parallel;
 
 /// How sure a finding has to be.
@@ -71,11 +72,11 @@ fn beside_kinematics(record: &Record, found: &[Finding]) -> Vec<Finding> {
     if kinematics.is_empty() {
         return Vec::new();
     }
-    let (goes_on, pace) = (&|| true, None);
-    let evidence = Evidence { model: None, runs: &[], records, channels: &channels, kinematics, pace, goes_on };
+    let (work, pace) = (&Work::default(), None);
+    let evidence = Evidence { model: None, runs: &[], records, channels: &channels, kinematics, pace, work };
     let Some(start) = evidence.trial(Begin::TEXT, &[], 0) else { return Vec::new() };
     let options = BesideOptions::default();
-    let found = faults(&Search { evidence: &evidence, timed: true, options: &options, say: &|_| {} }, start);
+    let found = faults(&Search { evidence: &evidence, timed: true, options: &options }, start);
     let remarks = evidence.kinematics.remarks(records, &channels, &found.edits);
     found.findings.into_iter().chain(remarks).collect()
 }

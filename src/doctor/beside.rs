@@ -9,7 +9,7 @@ use crate::kinematics::Kinematics;
 use crate::likelihood::{Begin, Evidence, THOROUGH, Trial};
 use crate::record::Record;
 use crate::search::{Found, Search, faults};
-use fdm_estimate::Termination;
+use fdm_estimate::{Termination, Work};
 use fdm_system::Model;
 use fdm_system::record::{Run, channels};
 
@@ -42,45 +42,25 @@ pub struct Examination {
     pub notes: Vec<String>,
 }
 
-/// Judges runs beside their model. `alone` are the findings of the records by themselves: their samples are left out of the fits, and they get
-/// their biases. One record (of [`Record::of_run`]) for each run; columns that the model does not read take part in kinematics.
+/// Judges runs beside their model, as long as the work may go on; then with what was found by then, and a note. `alone` are the findings
+/// of the records by themselves: their samples are left out of the fits, and they get their biases. One record (of
+/// [`Record::of_run`]) for each run; columns that the model does not read take part in kinematics.
 pub fn examine_beside(
     model: &Model,
     runs: &[Run],
     records: &[Record],
     alone: Vec<Finding>,
     options: &BesideOptions,
+    work: &Work<'_>,
 ) -> Examination {
-    examine_beside_while(model, runs, records, alone, options, &Watch { say: &|_| {}, goes_on: &|| true })
-}
-
-/// Who follows a search.
-#[derive(Clone, Copy)]
-pub struct Watch<'a> {
-    /// Is told what is being done.
-    pub say: &'a (dyn Fn(&str) + Sync),
-    /// Whether the search goes on.
-    pub goes_on: &'a (dyn Fn() -> bool + Sync),
-}
-
-/// Judges records beside a model as long as `watch` lets it go on; then with what was found by then, and a note.
-pub fn examine_beside_while(
-    model: &Model,
-    runs: &[Run],
-    records: &[Record],
-    alone: Vec<Finding>,
-    options: &BesideOptions,
-    watch: &Watch<'_>,
-) -> Examination {
-    let Watch { say, goes_on } = *watch;
     let names = Channels::of(records);
     let (masked, clean) = mask(&names, runs, records, &alone);
     let mut done = Examination { findings: alone, ..Examination::default() };
     let kinematics = Kinematics::of(&clean, &names);
     let pace = information::pace(model, runs).map(|p| p.magnitude * p.interval);
     let mut evidence =
-        Evidence { model: Some(model), runs: &masked, records: &clean, channels: &names, kinematics, pace, goes_on };
-    say("the record as it is");
+        Evidence { model: Some(model), runs: &masked, records: &clean, channels: &names, kinematics, pace, work };
+    work.stage("the record as it is");
     let Some(current) = evidence.base().or_else(|| evidence.unexplained(&[])) else {
         done.notes.push("nothing was compared beside the model: no output has samples".into());
         return done;
@@ -95,16 +75,17 @@ pub fn examine_beside_while(
     let lost = matches!(ended, Some(Termination::Unstable { .. }));
     let found = match lost {
         true => Found { findings: Vec::new(), edits: Vec::new(), last: current, fits: 0 },
-        false => faults(&Search { evidence: &evidence, timed, options, say }, current),
+        false => faults(&Search { evidence: &evidence, timed, options }, current),
     };
-    if (lost || !goes_on()) && found.findings.is_empty() {
+    if (lost || !work.goes_on()) && found.findings.is_empty() {
         // what needs no fit is told all the same
-        let alone = Evidence { model: None, kinematics: evidence.kinematics.clone(), goes_on: &|| true, ..evidence };
+        let work = &work.endless();
+        let alone = Evidence { model: None, kinematics: evidence.kinematics.clone(), work, ..evidence };
         let start = alone.trial(Begin::TEXT, &[], 0);
-        let search = Search { evidence: &alone, timed, options, say };
+        let search = Search { evidence: &alone, timed, options };
         done.findings.extend(start.map(|start| faults(&search, start).findings).unwrap_or_default());
     }
-    if !goes_on() {
+    if !work.goes_on() {
         done.notes.push("there was no time to look at everything: these are the findings so far".into());
     }
     done.fits += found.fits;

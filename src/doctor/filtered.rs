@@ -2,7 +2,7 @@
 //! it is, as nothing that was measured is averaged.
 
 use crate::hypothesis::lag_weights;
-use fdm_estimate::Response;
+use fdm_estimate::{Response, TimeResponse};
 use fdm_numeric::lanes::Aligned;
 use fdm_system::simulate::{Block, Divergence, Simulator, Sink};
 
@@ -94,10 +94,6 @@ impl Response for Filtered<'_> {
         self.simulator.outputs()
     }
 
-    fn time(&self) -> Option<&[f64]> {
-        Some(&self.simulator.run().time)
-    }
-
     fn simulate(&mut self, theta: &[f64], y: &mut [f64]) -> Result<(), Divergence> {
         self.simulator.simulate(theta, y)?;
         let q = self.simulator.outputs();
@@ -146,5 +142,11 @@ impl Response for Filtered<'_> {
             }
             sink(Block { first: block.first, y: &y[..], rows, layout: block.layout });
         })
+    }
+}
+
+impl TimeResponse for Filtered<'_> {
+    fn time(&self) -> Option<&[f64]> {
+        Some(&self.simulator.run().time)
     }
 }

@@ -31,7 +31,7 @@ mod time;
 mod values;
 
 pub use alone::{AloneOptions, examine_alone, leading};
-pub use beside::{BesideOptions, Examination, Watch, examine_beside, examine_beside_while};
+pub use beside::{BesideOptions, Examination, examine_beside};
 pub use finding::{Bias, Fault, Finding, Place, Severity, in_order as sort};
 pub use first_cause::first_cause;
 pub use record::{Channel, Record, Role};

@@ -7,13 +7,12 @@ use crate::kinematics::Kinematics;
 use crate::record::Record;
 use crate::spectrum::{Bands, interpolated};
 use fdm_estimate::{
-    Changes, Continuation, DerivedQuantities, Estimate, FitOptions, Iteration, Observer, Options, Problem, ProblemRun,
-    Response, SharedSteps, Stop, Termination, estimate, fit, is_lost_at_start, starts,
+    Changes, Continuation, DerivedQuantities, Estimate, FitOptions, Options, Problem, ProblemRun, RunResponse,
+    SharedSteps, Termination, Work, estimate, fit, is_lost_at_start, starts,
 };
 use fdm_system::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::{Simulator, Steps};
-use std::ops::ControlFlow;
 
 /// What hypotheses are judged by: the runs beside their model, where there is one, and the records beside kinematics.
 pub(crate) struct Evidence<'a> {
@@ -24,21 +23,8 @@ pub(crate) struct Evidence<'a> {
     pub(crate) kinematics: Kinematics,
     /// Magnitude of the model's fastest mode times the usual interval, where that is known.
     pub(crate) pace: Option<f64>,
-    /// Whether there is time for more fits; asked while they work.
-    pub(crate) goes_on: &'a (dyn Fn() -> bool + Sync),
-}
-
-/// Ends a fit when there is no more time.
-struct While<'a>(&'a (dyn Fn() -> bool + Sync));
-
-impl Observer for While<'_> {
-    fn iteration(&mut self, _: &Iteration) -> ControlFlow<()> {
-        if (self.0)() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
-    }
-
-    fn stopped(&mut self) -> Option<Stop> {
-        (!(self.0)()).then_some(Stop::TimeLimit)
-    }
+    /// When there is no more time for fits; asked while they work.
+    pub(crate) work: &'a Work<'a>,
 }
 
 /// Radians of the fastest mode between two samples, beyond which no motion could be fitted.
@@ -215,14 +201,14 @@ impl Evidence<'_> {
     }
 
     fn beside(&self, model: &Model, begin: Begin<'_>, edits: &[Edit], options: FitOptions) -> Option<Trial> {
-        if !(self.goes_on)() {
+        if !self.work.goes_on() {
             return None;
         }
         let new = self.edited_runs(model, edits)?;
         let lags = lags_of(edits);
         let begun = begin.model.unwrap_or(model);
         let near = begin.steps.filter(|near| near.steps.suit(edits, new.len()));
-        let on = |near: &Trial| on_steps(begun, &near.steps.of_runs, &new, &lags, &options, self.goes_on);
+        let on = |near: &Trial| on_steps(begun, &near.steps.of_runs, &new, &lags, &options, self.work);
         let again = near.filter(|_| is_plain(model)).and_then(on);
         let (estimate, steps) = match (again, near) {
             (Some(estimate), Some(near)) => (estimate, near.steps.clone()),
@@ -231,14 +217,14 @@ impl Evidence<'_> {
             _ => {
                 let shared_steps = near.map_or_else(SharedSteps::default, |t| t.steps.shared.clone());
                 let options = FitOptions { shared_steps, ..options };
-                let found = fit(begun, &new, &options, &mut While(self.goes_on)).ok()?;
+                let found = fit(begun, &new, &options, &self.work.quiet()).ok()?;
                 let of_runs = found.integration.iter().map(|a| a.steps.clone()).collect();
                 let (shared, factor) = (SharedSteps::of(found.integration), time_factor(edits));
                 (found.estimate, ChosenSteps { shared, of_runs, factor })
             }
         };
         // a fit that was ended early says nothing beside one that was not
-        if !(self.goes_on)() {
+        if !self.work.goes_on() {
             return None;
         }
         let left: Vec<&[f64]> = estimate.runs.iter().map(|r| &r.residuals[..]).collect();
@@ -402,21 +388,23 @@ fn on_steps(
     runs: &[Run],
     lags: &[(usize, f64)],
     options: &FitOptions,
-    goes_on: &(dyn Fn() -> bool + Sync),
+    work: &Work<'_>,
 ) -> Option<Estimate> {
     let starts = starts(model, runs, &Changes::default());
     let mut prepared = Vec::with_capacity(runs.len());
     for ((run, start), steps) in runs.iter().zip(&starts).zip(steps) {
         let mut simulator = Simulator::new(model.dynamics(), run, steps.clone()).ok()?;
         simulator.suits(start).ok()?;
-        let response: Box<dyn Response> =
-            if lags.is_empty() { Box::new(simulator) } else { Box::new(Filtered::new(simulator, lags)) };
+        let response = match lags.is_empty() {
+            true => RunResponse::in_time(simulator),
+            false => RunResponse::in_time(Filtered::new(simulator, lags)),
+        };
         let (name, measured, start) = (run.name.clone(), run.measured.clone(), start.clone());
         prepared.push(ProblemRun { name, response, measured, start });
     }
     let derived = DerivedQuantities::of(model.definition(), model.dynamics());
     let mut problem = Problem::new(model.definition(), prepared, derived);
-    let found = estimate(&mut problem, &options.options, &mut While(goes_on)).ok()?;
+    let found = estimate(&mut problem, &options.options, &work.quiet()).ok()?;
     Some(found).filter(|e| !e.runs.is_empty())
 }
 

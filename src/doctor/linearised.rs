@@ -81,7 +81,7 @@ impl<'a> Linearised<'a> {
 
     /// The record with these edits in the place of those of the fit. None where it cannot be simulated.
     pub(crate) fn trial(&self, edits: &[Edit]) -> Option<Trial> {
-        if !(self.evidence.goes_on)() {
+        if !self.evidence.work.goes_on() {
             return None;
         }
         let new = self.evidence.edited_runs(self.model, edits)?;
@@ -93,7 +93,7 @@ impl<'a> Linearised<'a> {
             for (output, lag) in &lags {
                 pass(&run.time, &mut y, (*output, q), *lag);
             }
-            residuals.push(run.measured.iter().zip(&y).map(|(z, y)| z - y).collect::<Vec<f64>>());
+            residuals.push(fdm_estimate::residuals::residuals(&run.measured, &y));
         }
         let lagged: Option<Vec<Vec<f64>>> = (!lags.is_empty()).then(|| {
             let behind = |(run, jacobian): (&Run, &Vec<f64>)| {

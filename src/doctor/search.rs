@@ -19,8 +19,6 @@ pub(crate) struct Search<'a> {
     /// Whether the model knows the time.
     pub(crate) timed: bool,
     pub(crate) options: &'a BesideOptions,
-    /// Is told what is being done.
-    pub(crate) say: &'a (dyn Fn(&str) + Sync),
 }
 
 /// What speaks against a fault that is likely.
@@ -142,7 +140,7 @@ pub(crate) fn faults(search: &Search<'_>, start: Trial) -> Found {
         let (mut all, tried) = round(search, &edits(&accepted, None), &current);
         fits += tried;
         // of a round that was not finished nobody knows which is the likeliest
-        if !(search.evidence.goes_on)() {
+        if !search.evidence.work.goes_on() {
             break;
         }
         if all.first().is_none_or(|b| b.log_odds <= needed) {
@@ -158,7 +156,7 @@ pub(crate) fn faults(search: &Search<'_>, start: Trial) -> Found {
         current = best.trial.clone();
         accepted.push(Accepted { judged: best, near: all });
         if accepted.len() > 1 {
-            (search.say)("the faults that were found, each beside what stood near it");
+            search.evidence.work.stage("the faults that were found, each beside what stood near it");
             fits += examine_again(search, &mut accepted, &mut current);
         }
     }
@@ -313,7 +311,7 @@ fn round(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> (Vec<Judged
         !known && !h.edits.iter().any(wild)
     };
     let number = accepted.len() + 1;
-    (search.say)(&format!("a fault beside {} edits: units, signs, places, axes", number - 1));
+    search.evidence.work.stage(&format!("a fault beside {} edits: units, signs, places, axes", number - 1));
     let tried: Vec<Hypothesis> = discrete(channels, &slots, search.timed).into_iter().filter(fresh).collect();
     let kinds = if search.options.estimated { SHARE * slots.len() as f64 } else { 0.0 };
     let whole = (tried.iter().map(|h| h.weight).sum::<f64>() + kinds).ln();
@@ -333,8 +331,11 @@ fn round(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> (Vec<Judged
     let mut all: Vec<Judged> = parallel::map(tried, judge).into_iter().flatten().collect();
     let far: Vec<(Slot, i64)> =
         if search.timed { far_delays(search.evidence, &slots, accepted, current) } else { Vec::new() };
-    if (search.options.estimated || !far.is_empty()) && (search.evidence.goes_on)() {
-        (search.say)(&format!("a fault beside {} edits: delays, filters, zeros, factors, clocks", number - 1));
+    if (search.options.estimated || !far.is_empty()) && search.evidence.work.goes_on() {
+        search
+            .evidence
+            .work
+            .stage(&format!("a fault beside {} edits: delays, filters, zeros, factors, clocks", number - 1));
         let (found, tried) = estimated(search, &slots, accepted, (current, &far));
         fits += tried;
         let shifts = if search.options.estimated { shifts_of_zero(search, accepted, current) } else { Vec::new() };
@@ -780,7 +781,7 @@ impl Search<'_> {
         let begun: Option<Model> = self.evidence.model.map(|model| near.begun(model));
         let one = self.evidence.trial(Begin { model: None, steps: Some(near) }, edits, THOROUGH);
         let other = self.evidence.trial(Begin { model: begun.as_ref(), steps: Some(near) }, edits, THOROUGH);
-        if !(self.evidence.goes_on)() {
+        if !self.evidence.work.goes_on() {
             return None;
         }
         match (one, other) {

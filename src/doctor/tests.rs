@@ -5,6 +5,7 @@ use crate::record::{Channel, Record, Role};
 use crate::{
     AloneOptions, BesideOptions, Fault, Finding, Severity, examine_alone, examine_beside, examine_repeats, leading,
 };
+use fdm_estimate::Work;
 use fdm_system::Model;
 use fdm_system::record::Run;
 
@@ -224,7 +225,7 @@ fn driven(seed: u64) -> (Model, Run) {
 fn beside(run: &Run, model: &Model) -> Vec<Finding> {
     let records = vec![Record::of_run(model.definition(), run, None)];
     let runs = std::slice::from_ref(run);
-    let found = examine_beside(model, runs, &records, Vec::new(), &BesideOptions::default());
+    let found = examine_beside(model, runs, &records, Vec::new(), &BesideOptions::default(), &Work::default());
     found.findings.into_iter().filter(|f| f.severity == Severity::Finding).collect()
 }
 
@@ -382,7 +383,8 @@ fn inputs_that_move_together_and_modes_between_samples_are_remarks() {
         output_gaps: vec![0],
     };
     let records = vec![Record::of_run(model.definition(), &run, None)];
-    let found = examine_beside(&model, &[run], &records, Vec::new(), &BesideOptions::default()).findings;
+    let found =
+        examine_beside(&model, &[run], &records, Vec::new(), &BesideOptions::default(), &Work::default()).findings;
     let remark = |fault| found.iter().any(|f| f.fault == fault && f.severity == Severity::Remark);
     assert!(remark(Fault::CorrelatedInputs) && remark(Fault::SlowSampling), "{found:?}");
 }
@@ -439,7 +441,9 @@ fn an_output_that_is_late_by_half_a_swing_is_late_and_not_turned() {
     for estimated in [true, false] {
         let records = vec![Record::of_run(model.definition(), &run, None)];
         let options = BesideOptions { estimated, most: 1, ..BesideOptions::default() };
-        let found = examine_beside(&model, std::slice::from_ref(&run), &records, Vec::new(), &options).findings;
+        let found =
+            examine_beside(&model, std::slice::from_ref(&run), &records, Vec::new(), &options, &Work::default())
+                .findings;
         let first = found.iter().find(|f| f.severity == Severity::Finding).unwrap_or_else(|| panic!("{found:?}"));
         let delay = first.repair.as_ref().map_or(0.0, |r| r.channels["v_m"].delay);
         assert!(first.fault == Fault::Delay && (delay - late as f64 * DT).abs() < DT, "{estimated}: {first:?}");
@@ -467,7 +471,7 @@ fn beside_a_response_that_is_lost_the_search_ends_with_the_method_that_works() {
     let (held, input_gaps, stated, output_gaps) = (vec![true], vec![0], vec![true], vec![0, 0]);
     let run = Run { name: "r".into(), time, inputs, held, measured, input_gaps, stated, output_gaps };
     let record = Record::of_run(model.definition(), &run, None);
-    let found = examine_beside(&model, &[run], &[record], Vec::new(), &BesideOptions::default());
+    let found = examine_beside(&model, &[run], &[record], Vec::new(), &BesideOptions::default(), &Work::default());
     assert!(found.findings.iter().all(|f| f.severity == Severity::Remark), "{:?}", found.findings);
     assert!(found.fits < 5 && found.notes.iter().any(|n| n.contains("--method filter-error")), "{found:?}");
 }
@@ -546,19 +550,20 @@ fn factors_lines_and_leads_are_remarks() {
 
 #[test]
 fn a_search_without_time_ends_with_what_it_has() {
-    use crate::{Watch, examine_beside_while};
+    use fdm_estimate::{Halt, Stop};
+    use std::sync::Arc;
     use std::sync::atomic::{AtomicUsize, Ordering};
     let (model, mut run) = driven(4);
     run.measured.iter_mut().step_by(2).for_each(|v| *v /= 0.3048);
     run.measured.iter_mut().skip(1).step_by(2).for_each(|v| *v = -*v);
     let records = vec![Record::of_run(model.definition(), &run, None)];
-    let asked = AtomicUsize::new(0);
+    let asked = Arc::new(AtomicUsize::new(0));
     let judge = |most: usize| {
         asked.store(0, Ordering::Relaxed);
-        let goes_on = || asked.fetch_add(1, Ordering::Relaxed) < most;
+        let count = Arc::clone(&asked);
+        let halt = Halt::asking(move || (count.fetch_add(1, Ordering::Relaxed) >= most).then_some(Stop::TimeLimit));
         let runs = std::slice::from_ref(&run);
-        let watch = Watch { say: &|_| {}, goes_on: &goes_on };
-        examine_beside_while(&model, runs, &records, Vec::new(), &BesideOptions::default(), &watch)
+        examine_beside(&model, runs, &records, Vec::new(), &BesideOptions::default(), &Work::until(&halt))
     };
     let whole = judge(usize::MAX);
     let all = asked.load(Ordering::Relaxed);
@@ -711,7 +716,7 @@ fn a_zero_that_kinematics_know_is_told_beside_a_trim_that_the_model_lacks() {
         };
         let mut record = Record::of_run(model.definition(), &run, None);
         record.channels.push(Channel { unit: Some("rad".into()), role: Role::Unknown, ..channel("theta", angle) });
-        let found = examine_beside(&model, &[run], &[record], Vec::new(), &BesideOptions::default());
+        let found = examine_beside(&model, &[run], &[record], Vec::new(), &BesideOptions::default(), &Work::default());
         found.findings.into_iter().filter(|f| f.severity == Severity::Finding).collect::<Vec<Finding>>()
     };
     for trim in [0.0, 0.05, -0.05] {
@@ -782,6 +787,6 @@ fn a_start_that_leads_nowhere_is_no_fault_of_the_record() {
     let (held, input_gaps, output_gaps) = (vec![false], vec![0], vec![0]);
     let run = Run { name: "r".into(), time, inputs, held, measured, input_gaps, stated: Vec::new(), output_gaps };
     let record = Record::of_run(model.definition(), &run, None);
-    let found = examine_beside(&model, &[run], &[record], Vec::new(), &BesideOptions::default());
+    let found = examine_beside(&model, &[run], &[record], Vec::new(), &BesideOptions::default(), &Work::default());
     assert!(found.findings.iter().all(|f| f.severity == Severity::Remark), "{:?}", found.findings);
 }

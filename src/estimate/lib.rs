@@ -4,107 +4,88 @@
 //! values, standard errors, noise covariance, residuals, and how the iteration ended. **Never** reads files or prints.
 //! **Start** at [`identify()`], one entry for every method and domain; [`fit()`] is output error in the time domain.
 //!
-//! The road of a fit: problem data (`problem`, `unknowns`, `noise`) -> `iteration` (residuals and sensitivities as a cost
-//! for the bounded Gauss-Newton of `fdm_numeric`) -> `uncertainty` (errors, what is not determined) -> `solve` (a
-//! problem's [`Estimate`]) -> `output_error` (one fit from given start values), `filter_error`, `equation_error`,
-//! `spectra`, `frequency_responses` -> `recovery` (continuation, substitution, shooting, many starts) -> `time_domain` ->
-//! `identify`. These are no layers: options and results of the methods are known to each other, so that folders import in
-//! both directions.
+//! The road of a fit: `problem` (data, unknowns, noise, responses) -> `work` (when it ends, who follows it, where its state is kept) ->
+//! `iteration` (residuals and sensitivities as a cost for the bounded Gauss-Newton of `fdm_numeric`) -> `uncertainty` (errors, what
+//! is not determined) -> `estimation` (a problem's [`Estimate`]) -> `methods` (output error, filter error, equation error, spectra,
+//! frequency responses). Folders import from those before them alone; `residuals`, which know nothing of models, stand first. Three
+//! know each other: a fit by output error (`methods`) may need `recovery` (continuation, substitution, shooting, many starts) and is
+//! `examined` (what it says of itself).
 
-mod affine;
-mod beginnings;
-mod best_iterate;
-mod changes;
-mod combinations;
-mod degenerate;
-mod derived;
-mod doubted_initials;
-pub mod equation_error;
-mod estimate;
-mod few_samples;
-mod filter_error;
-mod frequency_responses;
-mod held;
-mod hidden_states;
-mod identify;
-mod information;
-mod initial;
-mod input_interpolation;
-mod interpolation;
+mod estimation;
+mod examined;
 mod iteration;
-mod lost_unknowns;
-mod method;
-mod noise;
-mod observer;
-mod output_error;
+pub mod methods;
 mod problem;
 mod recovery;
-mod residual_vector;
 pub mod residuals;
-mod smoothness;
-mod solve;
 #[cfg(test)]
 mod specimen;
-mod spectra;
-mod stated_initials;
-mod table_nodes;
-mod termination;
 #[cfg(test)]
 mod tests;
-mod time_domain;
 mod uncertainty;
-mod unknowns;
+mod work;
 
+pub use crate::methods::equation_error;
 pub use crate::residuals::OutputFit;
 pub use crate::residuals::autoregression::{AutoRegression, LevinsonDurbin};
-pub use beginnings::{fit_from_beginnings, initial_values};
-pub use best_iterate::{BestIterate, BestOptions, Criterion, best_iterate};
-pub use changes::{ChangeError, Changes};
-pub use combinations::{option_names, takes_option};
-pub use degenerate::Degeneracy;
-pub use derived::{DerivedName, DerivedQuantities};
-pub use estimate::{BiasCorrection, Estimate, ParameterEstimate, RunFit, Smoothing, Status, Symmetric};
-pub use fdm_numeric::least_squares::Fallback;
-pub use few_samples::FewSamples;
-pub use filter_error::{FilterError, FilterFit, fit_filter};
-pub use frequency_responses::{
-    PairFit, ResponseError, ResponseFit, ResponseOptions, Sensitivity, fit_responses, responses_of_fit,
-};
-pub use identify::{Identified, IdentifyError, identify};
-pub use information::{Information, Silence};
-pub use initial::initial_guess;
-pub use input_interpolation::{EstimateMove, InputInterpolation};
+pub use estimation::estimate::{BiasCorrection, Estimate, ParameterEstimate, RunFit, Smoothing, Status, Symmetric};
+pub use examined::few_samples::FewSamples;
+pub use examined::input_interpolation::{EstimateMove, InputInterpolation};
+pub use fdm_numeric::halt::{Halt, Stop};
+pub use fdm_numeric::least_squares::{Fallback, Iteration};
 pub use iteration::normal_equations::{NormalEquations, NotFinite};
-pub use method::{Domain, Method, Optimizer, SmoothBy};
-pub use noise::Noise;
-pub use observer::{CheckpointStore, Iteration, Observer, StartSummary, Stop, UnknownName};
-pub use output_error::defect::FitDefect;
-pub use output_error::error::{FitError, StrategyError};
-pub use output_error::fit::{
+pub use methods::combinations::{METHODS, option_names, takes_option};
+pub use methods::equation_error::best_iterate::{BestIterate, BestOptions, Criterion, best_iterate};
+pub use methods::filter_error::{FilterError, FilterFit, fit_filter};
+pub use methods::identify::{Identified, IdentifyError, identify};
+pub use methods::output_error::attempt::Attempt;
+pub use methods::output_error::defect::FitDefect;
+pub use methods::output_error::error::{FitError, StrategyError};
+pub use methods::output_error::fit::{
     Continuity, Fit, LengthFit, NoiseOfSamples, Recovery, RecoveryStrategy, Reweighting, Variation, Weight,
 };
-pub use output_error::integration_fault::IntegrationFault;
-pub use output_error::loss::Loss;
-pub use output_error::options::{Continuation, FitOptions, FrequencyOptions, MultiStart, SharedSteps, Shooting};
-pub use output_error::single::{changed, starts};
-pub use problem::{Coefficients, KnownNoise, Options, Problem, ProblemError, ProblemRun, Response};
+pub use methods::output_error::initial_conditions::{fit_from_initial_conditions, initial_values};
+pub use methods::output_error::integration_fault::IntegrationFault;
+pub use methods::output_error::loss::Loss;
+pub use methods::output_error::options::{
+    Continuation, FitOptions, FrequencyOptions, MultiStart, SharedSteps, Shooting,
+};
+pub use methods::output_error::residual_vector::ResidualVector;
+pub use methods::output_error::single::{changed, starts};
+pub use methods::responses::{
+    PairFit, ResponseError, ResponseFit, ResponseOptions, Sensitivity, fit_responses, responses_of_fit,
+};
+pub use problem::changes::{ChangeError, Changes};
+pub use problem::degenerate::Degeneracy;
+pub use problem::derived::{DerivedName, DerivedQuantities};
+pub use problem::initial::initial_guess;
+pub use problem::method::{Domain, Method, Optimizer, SmoothBy};
+pub use problem::noise::Noise;
+pub use problem::response::{
+    CoefficientResponse, Coefficients, KnownNoise, KnownNoiseResponse, PlanarResponse, Response, RunResponse,
+    StandardisedResponse, TimeResponse,
+};
+pub use problem::{Options, Problem, ProblemError, ProblemRun};
 pub use recovery::confidence::{LengthSensitivity, by_confidence};
 pub use recovery::free_response::is_lost_at_start;
 pub use recovery::multi_start::StartSearch;
-pub use residual_vector::ResidualVector;
+pub use uncertainty::information::{Information, NoInformation};
 
-pub use doubted_initials::{DoubtedInitial, DoubtedInitials, MovedParameter};
-pub use solve::{estimate, estimate_from};
-pub use spectra::{
+pub use estimation::solve::{estimate, estimate_from};
+pub use estimation::table_nodes::{NodeEstimate, TableAxis, TableEstimate, Unvisited, unvisited};
+pub use examined::doubted_initials::{DoubtedInitial, DoubtedInitials, MovedParameter};
+pub use examined::unexplained::Unexplained;
+pub use methods::spectra::{
     BinResponse, Nonlinear, RunSpectrum, SpectralBins, SpectralError, SpectralFit, SpectralOptions, StartingValue,
     Unanswered, UnobservableMode, fit_spectra,
 };
-pub use table_nodes::{NodeEstimate, TableAxis, TableEstimate, Unvisited, unvisited};
-pub use termination::{Reason, Termination};
-pub use time_domain::{examined, fit, fit_from, fit_kept, start_search};
+pub use methods::time_domain::{fit, fit_from, start_search};
+pub use problem::unknowns::UnknownName;
 pub use uncertainty::curvature::Curvature;
 pub use uncertainty::identifiability::Direction;
 pub use uncertainty::parameters::quantile;
 pub use uncertainty::sandwich::{NoiseColour, Uncorrected};
 pub use uncertainty::sensitivity_rows::LONG_RUN;
 pub use uncertainty::spectral_colour::SpectralColour;
+pub use work::termination::{Reason, Termination};
+pub use work::{CheckpointStore, Observer, StartSummary, Work};

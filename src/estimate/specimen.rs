@@ -1,7 +1,8 @@
 //! Models in closed form for tests, and reproducible noise.
 
-use crate::derived::DerivedQuantities;
-use crate::problem::{Problem, ProblemRun, Response};
+use crate::problem::derived::DerivedQuantities;
+use crate::problem::response::{Response, RunResponse, TimeResponse};
+use crate::problem::{Problem, ProblemRun};
 use fdm_grammar::model::{Origin, Param, Quantity};
 pub(super) use fdm_numeric::random::Normal;
 use fdm_system::simulate::{Block, Divergence, RowLayout, Sink};
@@ -43,10 +44,6 @@ impl Response for Closed {
         self.q
     }
 
-    fn time(&self) -> Option<&[f64]> {
-        Some(&self.x)
-    }
-
     fn simulate(&mut self, theta: &[f64], y: &mut [f64]) -> Result<(), Divergence> {
         let mut partials = vec![0.0; self.q * theta.len()];
         for (k, x) in self.x.iter().enumerate() {
@@ -78,6 +75,12 @@ impl Response for Closed {
     }
 }
 
+impl TimeResponse for Closed {
+    fn time(&self) -> Option<&[f64]> {
+        Some(&self.x)
+    }
+}
+
 /// A run whose measurement is the model at `truth` plus noise (by sample and output).
 pub(super) fn run(
     name: &str,
@@ -91,7 +94,7 @@ pub(super) fn run(
     let mut measured = vec![0.0; response.samples() * q];
     let _ = response.simulate(truth, &mut measured);
     measured.iter_mut().enumerate().for_each(|(k, z)| *z += noise(k / q, k % q));
-    ProblemRun { name: name.into(), response: Box::new(response), measured, start: Vec::new() }
+    ProblemRun { name: name.into(), response: RunResponse::in_time(response), measured, start: Vec::new() }
 }
 
 /// A problem with outputs `y0`, `y1`, ...

@@ -2,10 +2,10 @@
 
 use super::*;
 use crate::specimen::{Closed, Normal, Sample, grid, param, problem, run};
-use std::ops::ControlFlow;
+use std::sync::Mutex;
 
 fn solve(problem: &mut Problem<'_>, options: &Options) -> Estimate {
-    estimate(problem, options, &mut ()).expect("a possible problem")
+    estimate(problem, options, &Work::default()).expect("a possible problem")
 }
 
 fn full(noise: Noise) -> Options {
@@ -73,7 +73,7 @@ fn a_coarse_simulation_without_noise_converges_too() {
         y[0] = (y[0] * 1e10).round() / 1e10;
     };
     let data = run("r", grid(50, 3.0), 1, DECAY, &[2.0, 1.5], |_, _| 0.0);
-    let response = Box::new(Closed { x: grid(50, 3.0), q: 1, sample: COARSE });
+    let response = RunResponse::in_time(Closed { x: grid(50, 3.0), q: 1, sample: COARSE });
     let data = ProblemRun { response, ..data };
     let mut problem = problem(vec![param("a", 2.6), param("b", 1.95)], vec![data]);
     let fit = solve(&mut problem, &Options::default());
@@ -269,7 +269,7 @@ fn empty_cells_are_as_good_as_absent_ones() {
     let short_x: Vec<f64> = (0..40).filter(keep).map(|k| x[k]).collect();
     let short_z: Vec<f64> = (0..40).filter(keep).map(|k| gappy.measured[k]).collect();
     (0..40).filter(|k| !keep(k)).for_each(|k| gappy.measured[k] = f64::NAN);
-    let response = Box::new(Closed { x: short_x, q: 1, sample: DECAY });
+    let response = RunResponse::in_time(Closed { x: short_x, q: 1, sample: DECAY });
     let short = ProblemRun { name: "r".into(), response, measured: short_z, start: Vec::new() };
     let params = || vec![param("a", 1.0), param("b", 1.0)];
     let gappy = solve(&mut problem(params(), vec![gappy]), &Options::default());
@@ -406,12 +406,16 @@ fn threads_do_not_change_a_bit() {
 fn the_observer_sees_every_iteration_and_can_stop() {
     let data = run("r", grid(50, 3.0), 1, DECAY, &[2.0, 1.5], |_, _| 0.0);
     let mut problem = problem(vec![param("a", 2.6), param("b", 1.95)], vec![data]);
-    let mut seen = Vec::new();
-    let mut stop = |i: &Iteration| {
-        seen.push(*i);
-        if i.number == 2 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    let (seen, halt) = (Mutex::new(Vec::new()), Halt::default());
+    let stop = |i: &Iteration| {
+        seen.lock().expect("no poison").push(*i);
+        if i.number == 2 {
+            halt.interrupt();
+        }
     };
-    let fit = estimate(&mut problem, &Options::default(), &mut stop).expect("a possible problem");
+    let work = Work::until(&halt).telling(&stop);
+    let fit = estimate(&mut problem, &Options::default(), &work).expect("a possible problem");
+    let seen = seen.into_inner().expect("no poison");
     assert_eq!((fit.termination, fit.iterations), (Termination::Interrupted, 2));
     assert_eq!(seen, fit.history);
     assert!(seen[1].change < 0.0 && seen[1].step > 0.0);
@@ -448,11 +452,11 @@ fn impossible_problems_are_refused_with_all_reasons() {
     let mut wrong = problem(vec![param("a", f64::NAN), param("b", 5.0)], vec![data]);
     wrong.params[1].upper = 2.0;
     let options = Options { gain: 0.0, noise: Noise::Given(vec![Some(-1.0)]), ..Options::default() };
-    let mistakes = estimate(&mut wrong, &options, &mut ()).expect_err("impossible");
+    let mistakes = estimate(&mut wrong, &options, &Work::default()).expect_err("impossible");
     assert_eq!(mistakes.len(), 5, "{mistakes:?}");
     let mut torn = run("r", grid(10, 1.0), 2, |_, _, _, _| (), &[1.0], |_, _| 0.0);
     torn.measured[7] = f64::NAN;
-    let mistakes =
-        estimate(&mut problem(vec![param("a", 1.0)], vec![torn]), &full(Noise::Full), &mut ()).expect_err("impossible");
+    let mistakes = estimate(&mut problem(vec![param("a", 1.0)], vec![torn]), &full(Noise::Full), &Work::default())
+        .expect_err("impossible");
     assert!(matches!(&mistakes[..], [ProblemError::FullWithGaps { sample: 3, .. }]), "{mistakes:?}");
 }

@@ -8,6 +8,7 @@ pub mod dense;
 pub mod eigen;
 pub mod elementary;
 pub mod fourier;
+pub mod halt;
 pub mod lanes;
 pub mod least_squares;
 pub mod parallel;

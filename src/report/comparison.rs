@@ -1,14 +1,11 @@
-//! Several results beside each other: costs and criteria, parameters, outputs, predictions.
+//! Several results beside each other: costs and criteria, parameters and their averages, outputs, predictions.
 
-use super::table::{aligned_right, plain, trimmed};
-use comfy_table::Table;
+use super::section::{Part, Report, Rows, Section, Trust, Verdict};
+use crate::{html, text};
 use fdm_estimate::Status;
-use fdm_estimate::residuals::OutputFit;
-use fdm_results::comparison::{Averaged, Candidate, Comparison, Edge, Nesting, Prediction, WeightedBy};
-use fdm_results::documents::{KeptParameter, OutputDocument, digits, digits_by_error, digits_of_end};
+use fdm_results::comparison::{Averaged, Candidate, Comparison, Criteria, Edge, Nesting, WeightedBy};
+use fdm_results::documents::{KeptParameter, digits, digits_by_error, digits_of_end};
 
-/// Columns of results that fit beside the names of rows.
-const ABREAST: usize = 4;
 /// P-values below this are no chance.
 const SIGNIFICANT: f64 = 0.01;
 /// A weight that decides where no test can be made.
@@ -16,47 +13,45 @@ const DECIDED: f64 = 0.95;
 
 /// Verdict, tables and sentences.
 pub fn comparison_table(comparison: &Comparison) -> String {
-    let mut text = format!("{}\n\n{}", verdict(comparison).sentence, criteria(comparison));
-    comparison.nestings.iter().for_each(|n| text.push_str(&format!("{}\n", nesting(n))));
-    let names: Vec<&str> = comparison.candidates.iter().map(|c| c.name.as_str()).collect();
-    for begin in (0..names.len()).step_by(ABREAST) {
-        let end = (begin + ABREAST).min(names.len());
-        text.push_str(&format!("\n{}", parameters(&comparison.candidates[begin..end])));
-        let fitted: Vec<Vec<Row>> =
-            comparison.candidates[begin..end].iter().map(|c| rows(c.outputs.as_ref())).collect();
-        text.push_str(&format!("\n{}", outputs("fitted", &names[begin..end], &fitted)));
-        if !comparison.predictions.is_empty() {
-            let held: Vec<Vec<Row>> = comparison.predictions[begin..end].iter().map(predicted).collect();
-            text.push_str(&format!("\n{}", outputs("validation", &names[begin..end], &held)));
-        }
-    }
-    for prediction in comparison.predictions.iter().filter(|p| !p.converged) {
-        let name = &prediction.name;
-        text.push_str(&format!("{name}: initial states and biases of the held-out runs were not found\n"));
-    }
-    comparison.edges.iter().for_each(|e| text.push_str(&format!("{}\n", edge(e))));
-    if let Some(averaged) = &comparison.averaged {
-        text.push_str(&format!("\n{}", average(&comparison.candidates, averaged)));
-    }
-    text.push_str(&assumed(comparison));
-    text
+    text::below(format!("{}\n", verdict(comparison).sentence), &sections(comparison))
 }
 
-/// Which result is to be believed.
-pub(crate) struct Verdict {
-    /// Whether the tests bear it out.
-    pub(crate) settled: bool,
-    pub(crate) sentence: String,
+/// A page of a comparison.
+pub fn comparison_page(comparison: &Comparison) -> String {
+    let incomparable = comparison.candidates.iter().filter_map(incomparable);
+    html::page(&Report {
+        kind: "comparison",
+        name: comparison.candidates.iter().map(|c| c.name.as_str()).collect::<Vec<_>>().join(", "),
+        doc: None,
+        verdict: verdict(comparison)
+            .with_points(comparison.edges.iter().map(edge), "predictions")
+            .with_points(comparison.nestings.iter().map(nesting), "criteria")
+            .with_points(incomparable, "criteria"),
+        sections: sections(comparison),
+    })
+}
+
+fn sections(comparison: &Comparison) -> Vec<Section> {
+    let all = [
+        Some(criteria(comparison)),
+        Some(Section::new("parameters", "Parameters").with(parameters(&comparison.candidates))),
+        Some(Section::new("outputs", "Fitted outputs").with(fitted(&comparison.candidates))),
+        predictions(comparison),
+        comparison.averaged.as_ref().map(|averaged| average(&comparison.candidates, averaged)),
+        Some(assumed(comparison)).filter(|s| !s.parts.is_empty()),
+    ];
+    all.into_iter().flatten().collect()
 }
 
 /// The result of the greatest weight, and whether that is more than chance: weights lean to one side where residuals are coloured, the tests do not.
-pub(crate) fn verdict(comparison: &Comparison) -> Verdict {
+fn verdict(comparison: &Comparison) -> Verdict {
     let names: Vec<&str> = comparison.candidates.iter().map(|c| c.name.as_str()).collect();
     judged(&names, comparison.averaged.as_ref(), &comparison.edges, &comparison.nestings)
 }
 
 fn judged(names: &[&str], averaged: Option<&Averaged>, edges: &[Edge], nestings: &[Nesting]) -> Verdict {
-    let found = |settled: bool, sentence: String| Verdict { settled, sentence };
+    let found =
+        |settled: bool, sentence: String| Verdict::new(if settled { Trust::Good } else { Trust::Reserved }, sentence);
     let leading = averaged.and_then(|averaged| {
         let (k, weight) = averaged.weights.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1))?;
         Some((*names.get(k)?, *weight, weighted_by(averaged)))
@@ -86,75 +81,88 @@ fn judged(names: &[&str], averaged: Option<&Averaged>, edges: &[Edge], nestings:
             _ => found(false, format!("That {first} predicts better than {} could be chance; {has}.", open.join(", "))),
         };
     }
-    let p = |n: &Nesting| if n.p_value < 1e-3 { "p < 0.001".to_string() } else { format!("p = {:.3}", n.p_value) };
     let tested = || nestings.iter().filter(|n| n.likelihood_ratio >= 0.0);
     if let Some(n) = tested().find(|n| n.richer == first && n.p_value >= SIGNIFICANT) {
-        let sentence = format!("What {first} gains beside {} could be chance ({}); {has}.", n.poorer, p(n));
+        let sentence =
+            format!("What {first} gains beside {} could be chance ({}); {has}.", n.poorer, chance(n.p_value));
         return found(false, sentence);
     }
     if let Some(n) = tested().find(|n| n.poorer == first && n.p_value < SIGNIFICANT) {
         return found(
             false,
-            format!("What {} gains beside {first} is more than chance ({}), and yet {has}.", n.richer, p(n)),
+            format!(
+                "What {} gains beside {first} is more than chance ({}), and yet {has}.",
+                n.richer,
+                chance(n.p_value)
+            ),
         );
     }
     match tested().find(|n| n.richer == first) {
-        Some(n) => {
-            found(true, format!("What {first} gains beside {} is more than chance ({}); {has}.", n.poorer, p(n)))
-        }
+        Some(n) => found(
+            true,
+            format!("What {first} gains beside {} is more than chance ({}); {has}.", n.poorer, chance(n.p_value)),
+        ),
         None => found(weight >= DECIDED, format!("{has}.")),
     }
 }
 
+/// A probability in a sentence.
+fn chance(p: f64) -> String {
+    if p < 1e-3 { "p < 0.001".into() } else { format!("p = {p:.3}") }
+}
+
 /// What was assumed about the records: once where all results assume the same, by result otherwise.
-fn assumed(comparison: &Comparison) -> String {
+fn assumed(comparison: &Comparison) -> Section {
     let all = &comparison.candidates;
     let same = all.windows(2).all(|w| w[0].assumed == w[1].assumed);
-    let told: Vec<(&str, &[String])> = match (same, all.first()) {
+    let by_result: Vec<(&str, &[String])> = match (same, all.first()) {
         (true, Some(first)) => vec![("all results", &first.assumed)],
         _ => all.iter().map(|c| (c.name.as_str(), &c.assumed[..])).collect(),
     };
-    let lines =
-        told.iter().flat_map(|(name, assumed)| assumed.iter().map(move |a| format!("assumed by {name}: {a}\n")));
-    lines.collect()
+    let line = |(name, assumed): (&str, &[String])| {
+        assumed.iter().map(|a| Part::Line(format!("assumed by {name}: {a}"))).collect::<Vec<_>>()
+    };
+    Section::new("records", "Assumed about the records").with_all(by_result.into_iter().flat_map(line))
 }
 
 /// Costs, and what they say.
-fn criteria(comparison: &Comparison) -> String {
-    let coloured = comparison.inflation.is_some();
-    let mut header = vec!["result", "model", "parameters", "cost", "AIC", "BIC"];
-    header.extend(coloured.then_some(["coloured AIC", "coloured BIC"]).into_iter().flatten());
-    let mut table = plain(&header);
-    for c in &comparison.candidates {
-        let cost = c.cost.map_or("-".into(), |v| digits(v, 8));
-        let mut row = vec![c.name.clone(), c.model.clone(), c.unknowns.to_string(), cost];
-        let own = |of: fn(&fdm_results::comparison::Criteria) -> Option<f64>| {
-            c.criteria.as_ref().and_then(of).map_or("-".into(), |v| format!("{v:+.1}"))
-        };
-        row.extend([own(|c| Some(c.aic)), own(|c| Some(c.bic))]);
-        row.extend(coloured.then(|| [own(|c| c.coloured_aic), own(|c| c.coloured_bic)]).into_iter().flatten());
-        table.add_row(row);
+fn criteria(comparison: &Comparison) -> Section {
+    let mut table = Rows::over(&comparison.candidates);
+    table.name("result", |c| c.name.clone());
+    table.words("model", |c| c.model.clone());
+    table.number("parameters", |c| c.unknowns);
+    table.number("cost", |c| c.cost.map_or("-".into(), |v| digits(v, 8)));
+    let mut difference = |title: &str, of: fn(&Criteria) -> Option<f64>| {
+        table.number(title, |c| c.criteria.as_ref().and_then(of).map_or("-".into(), |v| format!("{v:+.1}")));
+    };
+    difference("AIC", |c| Some(c.aic));
+    difference("BIC", |c| Some(c.bic));
+    if comparison.inflation.is_some() {
+        difference("coloured AIC", |c| c.coloured_aic);
+        difference("coloured BIC", |c| c.coloured_bic);
     }
-    (2..header.len()).for_each(|k| aligned_right(&mut table, k));
-    let mut text = trimmed(&table);
-    text.push_str("criteria as differences to the least\n");
-    if let Some(inflation) = comparison.inflation.filter(|c| *c > 1.0) {
-        text.push_str(&format!(
-            "coloured residuals: {} values are worth as many as {} white ones; believe the coloured criteria\n",
-            comparison.candidates.first().map_or(0, |c| c.samples),
-            comparison.candidates.first().map_or(0, |c| (c.samples as f64 / inflation).round() as usize),
-        ));
-    }
-    for c in &comparison.candidates {
-        if let Some(reason) = &c.incomparable {
-            text.push_str(&format!("{}: no criteria: {reason}\n", c.name));
-        }
-    }
-    text
+    let samples = comparison.candidates.first().map_or(0, |c| c.samples);
+    let coloured = comparison.inflation.filter(|c| *c > 1.0).map(|inflation| {
+        let white = (samples as f64 / inflation).round() as usize;
+        format!(
+            "coloured residuals: {samples} values are worth as many as {white} white ones; believe the coloured criteria"
+        )
+    });
+    Section::new("criteria", "Criteria")
+        .with(table)
+        .note("criteria as differences to the least")
+        .notes(coloured)
+        .lines(comparison.candidates.iter().filter_map(incomparable))
+        .with_all(comparison.nestings.iter().map(|n| Part::Line(nesting(n))))
+}
+
+/// Why a result has no criteria.
+fn incomparable(candidate: &Candidate) -> Option<String> {
+    candidate.incomparable.as_ref().map(|reason| format!("{}: no criteria: {reason}", candidate.name))
 }
 
 /// What the weights of models rest on.
-pub(crate) fn weighted_by(averaged: &Averaged) -> &'static str {
+fn weighted_by(averaged: &Averaged) -> &'static str {
     match averaged.by {
         WeightedBy::Validation => "weighted by their predictions of the validation data",
         WeightedBy::Criterion => "weighted by AIC, since there are no validation data",
@@ -162,39 +170,35 @@ pub(crate) fn weighted_by(averaged: &Averaged) -> &'static str {
 }
 
 /// Weights, and averages over the models.
-fn average(candidates: &[Candidate], averaged: &Averaged) -> String {
+fn average(candidates: &[Candidate], averaged: &Averaged) -> Section {
     let weights = candidates.iter().zip(&averaged.weights).map(|(c, w)| format!("{} {:.1} %", c.name, 100.0 * w));
-    let mut text =
-        format!("averaged over the models, {}: {}\n", weighted_by(averaged), weights.collect::<Vec<_>>().join(", "));
-    let mut table = plain(&["averaged", "run", "value", "error", "95 % interval", "in models of", "unit"]);
-    for p in &averaged.parameters {
-        let settled = digits_by_error(p.value, p.error, 3).unwrap_or(4);
-        table.add_row([
-            p.name.clone(),
-            p.run.clone().unwrap_or_default(),
-            digits(p.value, settled),
-            digits(p.error, 3),
-            format!("{} to {}", digits_of_end(p.interval[0], p.error), digits_of_end(p.interval[1], p.error)),
-            format!("{:.0} %", 100.0 * p.weight),
-            p.unit.clone().unwrap_or_default(),
-        ]);
-    }
-    [2, 3, 5].into_iter().for_each(|k| aligned_right(&mut table, k));
-    text.push_str(&trimmed(&table));
-    if !averaged.outputs.is_empty() {
-        let mut table = plain(&["averaged prediction", "output", "RMS", "95 % band ±", "within"]);
-        for o in &averaged.outputs {
-            let number = |v: Option<f64>| v.map_or("-".into(), |v| digits(v, 4));
-            let within = o.within.map_or("-".into(), |w| format!("{:.1} %", 100.0 * w));
-            table.add_row([o.run.clone(), o.name.clone(), number(o.rms), number(o.band), within]);
-        }
-        (2..5).for_each(|k| aligned_right(&mut table, k));
-        text.push_str(&format!("\n{}", trimmed(&table)));
-    }
-    text
+    let weights = weights.collect::<Vec<_>>().join(", ");
+    let mut table = Rows::over(&averaged.parameters);
+    table.name("averaged", |p| p.name.clone());
+    table.words("run", |p| p.run.clone().unwrap_or_default());
+    table.number("value", |p| digits(p.value, digits_by_error(p.value, p.error, 3).unwrap_or(4)));
+    table.number("error", |p| digits(p.error, 3));
+    table.span("95 % interval", |p| {
+        let [low, high] = p.interval.map(|end| digits_of_end(end, p.error));
+        format!("{low} to {high}")
+    });
+    table.number("in models of", |p| format!("{:.0} %", 100.0 * p.weight));
+    table.words("unit", |p| p.unit.clone().unwrap_or_default());
+    let table = table.below(format!("averaged over the models, {}: {weights}", weighted_by(averaged)));
+    let number = |v: Option<f64>| v.map_or("-".into(), |v| digits(v, 4));
+    let mut outputs = Rows::over(&averaged.outputs);
+    outputs.words("averaged prediction", |o| o.run.clone());
+    outputs.name("output", |o| o.name.clone());
+    outputs.number("RMS", |o| number(o.rms));
+    outputs.number("95 % band ±", |o| number(o.band));
+    outputs.number("within", |o| o.within.map_or("-".into(), |w| format!("{:.1} %", 100.0 * w)));
+    Section::new("average", "Averaged over the models")
+        .with(table)
+        .with_all((!averaged.outputs.is_empty()).then_some(outputs))
+        .explained("Errors hold the scatter between models: these intervals know that the structure was chosen.")
 }
 
-pub(crate) fn nesting(n: &Nesting) -> String {
+fn nesting(n: &Nesting) -> String {
     let (further, (_, left)) = (n.further, n.degrees);
     let plural = if further == 1 { "parameter" } else { "parameters" };
     let pair = format!("{} beside {}: {further} further {plural}", n.richer, n.poorer);
@@ -204,43 +208,38 @@ pub(crate) fn nesting(n: &Nesting) -> String {
         );
     }
     let gain = if n.p_value < SIGNIFICANT { "a gain beyond chance" } else { "no gain beyond chance" };
-    let p = if n.p_value < 1e-3 { "p < 0.001".into() } else { format!("p = {:.3}", n.p_value) };
+    let p = chance(n.p_value);
     format!("{pair}, F({further}, {left:.0}) = {}, {p}: {gain}, if one model holds the other", digits(n.f, 3))
 }
 
-fn beside(first: &[&str], names: impl Iterator<Item = String>) -> Table {
-    let mut header: Vec<String> = first.iter().map(ToString::to_string).collect();
-    header.extend(names);
-    let mut table = plain(&header.iter().map(String::as_str).collect::<Vec<_>>());
-    (first.len()..header.len()).for_each(|k| aligned_right(&mut table, k));
-    table
+/// What stands in several lists, each once, in the order of their first appearance.
+fn distinct<T: PartialEq>(all: impl Iterator<Item = T>) -> Vec<T> {
+    let mut known = Vec::new();
+    for one in all {
+        if !known.contains(&one) {
+            known.push(one);
+        }
+    }
+    known
 }
 
 /// Every parameter of any result, with the errors to be trusted.
-fn parameters(candidates: &[Candidate]) -> String {
-    let mut known: Vec<(&str, Option<&str>)> = Vec::new();
-    for p in candidates.iter().flat_map(|c| &c.parameters) {
-        let name = (p.name.as_str(), p.run.as_deref());
-        if !known.contains(&name) {
-            known.push(name);
-        }
+fn parameters(candidates: &[Candidate]) -> Rows<(&str, Option<&str>)> {
+    let all = candidates.iter().flat_map(|c| &c.parameters).map(|p| (p.name.as_str(), p.run.as_deref()));
+    let mut table = Rows::over(distinct(all));
+    let find = |c: &Candidate, (name, run): &(&str, Option<&str>)| {
+        c.parameters.iter().find(|p| p.name == *name && p.run.as_deref() == *run).cloned()
+    };
+    table.name("parameter", |(name, _)| *name);
+    table.runs(|(_, run)| *run);
+    table.words("unit", |row| candidates.iter().find_map(|c| find(c, row)).and_then(|p| p.unit).unwrap_or_default());
+    for c in candidates {
+        table.number(&c.name, |row| find(c, row).map_or("-".into(), |p| value_with_error(&p)));
     }
-    let runs = known.iter().any(|(_, run)| run.is_some());
-    let first: &[&str] = if runs { &["parameter", "run", "unit"] } else { &["parameter", "unit"] };
-    let mut table = beside(first, candidates.iter().map(|c| c.name.clone()));
-    for (name, run) in known {
-        let own = |c: &Candidate| c.parameters.iter().find(|p| p.name == name && p.run.as_deref() == run).cloned();
-        let unit = candidates.iter().find_map(own).and_then(|p| p.unit).unwrap_or_default();
-        let mut row = vec![name.to_string()];
-        row.extend(runs.then(|| run.unwrap_or_default().to_string()));
-        row.push(unit);
-        row.extend(candidates.iter().map(|c| own(c).map_or("-".into(), |p| value(&p))));
-        table.add_row(row);
-    }
-    trimmed(&table)
+    table
 }
 
-pub(crate) fn value(p: &KeptParameter) -> String {
+fn value_with_error(p: &KeptParameter) -> String {
     match (p.error(), p.status) {
         (Some(error), _) => {
             let settled = digits_by_error(p.value, error, 3).unwrap_or(4);
@@ -251,39 +250,54 @@ pub(crate) fn value(p: &KeptParameter) -> String {
     }
 }
 
-/// A run and an output, its root mean square and Theil's coefficient.
-type Row = (String, String, Option<f64>, Option<f64>);
-
-fn rows(outputs: Option<&Vec<OutputDocument>>) -> Vec<Row> {
-    outputs.into_iter().flatten().map(|o| (o.run.clone(), o.name.clone(), o.rms, o.tic)).collect()
+/// How an output of a run is met by one of the results.
+struct Match<'a> {
+    run: &'a str,
+    output: &'a str,
+    rms: Option<f64>,
+    tic: Option<f64>,
 }
 
-fn predicted(prediction: &Prediction) -> Vec<Row> {
-    let row = |o: &OutputFit| (o.run.clone(), o.name.clone(), o.rms, o.tic);
-    prediction.outputs.iter().map(row).collect()
+fn fitted(candidates: &[Candidate]) -> Rows<(&str, &str)> {
+    let matches = candidates.iter().map(|c| {
+        let of = c.outputs.iter().flatten().map(|o| Match { run: &o.run, output: &o.name, rms: o.rms, tic: o.tic });
+        (c.name.as_str(), of.collect())
+    });
+    outputs("fitted", matches.collect())
 }
 
-fn outputs(what: &str, names: &[&str], all: &[Vec<Row>]) -> String {
-    let mut known: Vec<(&str, &str)> = Vec::new();
-    for (run, name, ..) in all.iter().flatten() {
-        if !known.contains(&(run, name)) {
-            known.push((run, name));
-        }
+fn predictions(comparison: &Comparison) -> Option<Section> {
+    if comparison.predictions.is_empty() {
+        return None;
     }
-    let mut table = beside(&[what, "output"], names.iter().map(|n| format!("RMS (TIC) {n}")));
-    for (run, name) in known {
-        let cell = |rows: &Vec<Row>| {
-            let row = rows.iter().find(|(r, n, ..)| r == run && n == name)?;
-            Some(format!("{} ({})", digits(row.2?, 4), row.3.map_or("-".into(), |t| format!("{t:.3}"))))
-        };
-        let mut row = vec![run.to_string(), name.to_string()];
-        row.extend(all.iter().map(|rows| cell(rows).unwrap_or_else(|| "-".into())));
-        table.add_row(row);
-    }
-    trimmed(&table)
+    let matches = comparison.predictions.iter().map(|p| {
+        let of = p.outputs.iter().map(|o| Match { run: &o.run, output: &o.name, rms: o.rms, tic: o.tic });
+        (p.name.as_str(), of.collect())
+    });
+    let lost = comparison.predictions.iter().filter(|p| !p.converged);
+    let lost = lost.map(|p| format!("{}: initial states and biases of the validation runs were not found", p.name));
+    let section = Section::new("predictions", "Validation data").with(outputs("validation", matches.collect()));
+    Some(section.lines(lost).with_all(comparison.edges.iter().map(|e| Part::Line(edge(e)))))
 }
 
-pub(crate) fn edge(e: &Edge) -> String {
+/// Size of the residual of every output of any result.
+fn outputs<'a>(what: &str, results: Vec<(&str, Vec<Match<'a>>)>) -> Rows<(&'a str, &'a str)> {
+    let mut table = Rows::over(distinct(results.iter().flat_map(|(_, all)| all).map(|m| (m.run, m.output))));
+    table.words(what, |(run, _)| *run);
+    table.name("output", |(_, output)| *output);
+    for (name, all) in &results {
+        table.number(&format!("RMS (TIC) {name}"), |(run, output)| {
+            let found = all.iter().find(|m| m.run == *run && m.output == *output);
+            let cell = found.and_then(|m| {
+                Some(format!("{} ({})", digits(m.rms?, 4), m.tic.map_or("-".into(), |t| format!("{t:.3}"))))
+            });
+            cell.unwrap_or_else(|| "-".into())
+        });
+    }
+    table
+}
+
+fn edge(e: &Edge) -> String {
     let Edge { output, best, other, advantage } = e;
     let Some(a) = advantage else {
         return format!(
@@ -292,7 +306,7 @@ pub(crate) fn edge(e: &Edge) -> String {
     };
     let size =
         format!("leaves {:.1} ± {:.1} % less of the mean square than {other}", 100.0 * a.reduction, 100.0 * a.error);
-    let p = if a.p_value < 1e-3 { "p < 0.001".into() } else { format!("p = {:.3}", a.p_value) };
+    let p = chance(a.p_value);
     let verdict = if a.p_value < SIGNIFICANT { "predicts better" } else { "may predict as well: this could be chance" };
     let who = if a.p_value < SIGNIFICANT { best.clone() } else { other.clone() };
     format!("{output}: {best} {size} ({p}); {who} {verdict}")
@@ -325,7 +339,7 @@ mod tests {
             let by = if edges.is_empty() { WeightedBy::Criterion } else { WeightedBy::Validation };
             let averaged = Averaged { by, weights: weights.to_vec(), parameters: Vec::new(), outputs: Vec::new() };
             let found = judged(&["a", "b"], Some(&averaged), &edges, &nestings);
-            (found.settled, found.sentence)
+            (found.trust == Trust::Good, found.sentence)
         };
         let (settled, sentence) = said([0.999, 0.001], vec![edge("b", "a", 1e-4)], Vec::new());
         assert!(

@@ -1,37 +1,50 @@
 //! What people read: findings about models, tables of estimates, pictures of time histories.
 //!
-//! **In** finished values: sources and diagnostics, fits, time histories. **Out** text: lines, tables, SVG, PNG, pages.
+//! **In** finished values: sources and diagnostics, documents of results, time histories. **Out** text: lines, tables, SVG, PNG, pages.
 //! **Never** simulates, fits or prints: the command line does. Only the stages of `fdm show` are made here: [`stage`]
-//! parses, differentiates and linearises the model that it shows. **Start** at [`render`] and [`fit_table`].
+//! parses, differentiates and linearises the model that it shows. **Start** at `section`, which says what reports are made of; `text` and
+//! `html` print it, and every topic (parameters, residuals, modes, a study, a diagnosis, ...) is one file with its thresholds and sentences.
 
 mod calibration;
 mod comparison;
 mod confidence;
+mod convergence;
+mod correlations;
 mod design;
-mod diagnosis_table;
+mod diagnosis;
 mod diagnostic;
 mod doctor;
-mod estimate;
-mod filter;
+mod equations;
+mod fit;
 mod fitted_responses;
+mod histories;
+mod html;
 mod job;
 mod log;
 mod margins;
 mod modes;
 mod outcomes;
 mod overlay;
+mod parameters;
 mod plot;
 mod profile;
+mod progress;
 mod recursive;
 mod regression;
+mod remarks;
+mod reproduction;
+mod residuals;
 mod response;
 mod sample;
+mod section;
+mod shapes;
 mod spectral;
 mod stages;
 mod starts;
 mod study;
 mod summary;
-mod table;
+mod surfaces;
+mod text;
 mod validation;
 mod verification;
 mod visible;
@@ -39,17 +52,17 @@ mod wrap;
 
 pub use calibration::calibration_text;
 pub use comparison::comparison_table;
-pub use confidence::{confidence, way};
+pub use confidence::confidence;
+pub use convergence::history_table;
 pub use design::{design_table, distinction_table};
-pub use diagnosis_table::diagnosis_text;
+pub use diagnosis::diagnosis_text;
 pub use diagnostic::render;
 pub use doctor::doctor_text;
-pub use estimate::{Detail, estimate_table, estimate_text, fit_table, history_table, residual_table};
-pub use filter::filter_table;
+pub use fit::{Detail, estimate_table, estimate_text, fit_table, way};
 pub use fitted_responses::{fitted_response_columns, fitted_response_table};
 pub use job::job_text;
 pub use log::{log_fields, log_table};
-pub use margins::{margins_text, modes_with_intervals, requirement_cells, requirements_table};
+pub use margins::margins_text;
 pub use modes::modes_table;
 pub use outcomes::{outcome_table, outcomes_markdown, outcomes_table};
 pub use overlay::{overlays, sparkline};
@@ -57,18 +70,17 @@ pub use plot::{TimeHistory, svg};
 pub use profile::{profile_svg, profile_table};
 pub use recursive::{recursive_histories, recursive_table, recursive_times};
 pub use regression::{dependence_table, regression_table, structure_table};
+pub use residuals::prediction_table;
 pub use response::{response_svg, response_table};
 pub use sample::sample_text;
-pub use spectral::{hidden_mode, prediction_table, spectral_table, spectrum_columns};
+pub use spectral::{hidden_mode, spectral_table, spectrum_columns};
 pub use stages::{Shown, Stage, dot, stage};
 pub use starts::{starts_hint, starts_table};
 pub use study::{repeat_columns, studies_markdown, studies_text, study_table};
 pub use summary::check_text;
 pub mod page;
 pub use page::fit_verdict;
-pub use validation::{
-    band_table, band_verdict, baseline_table, validation_by_frequency, validation_by_time, validation_table,
-};
+pub use validation::{band_verdict, baseline_table, validation_text};
 pub use verification::verification_table;
 pub use visible::visible;
 pub use wrap::wrapped;

@@ -1,6 +1,7 @@
 //! What a log holds: its topics with their clocks, and their fields.
 
-use super::table::{aligned_right, plain, trimmed};
+use super::section::Rows;
+use crate::text;
 use crate::visible;
 use fdm_results::documents::LogDocument;
 
@@ -11,36 +12,27 @@ fn clock(value: Option<f64>) -> String {
 
 /// The topics: samples, rate, longest pause, span.
 pub fn log_table(log: &LogDocument) -> String {
-    let mut table = plain(&["topic", "samples", "rate [1/s]", "longest pause [s]", "from [s]", "to [s]"]);
-    for topic in &log.topics {
-        let rate = topic.rate.map_or_else(String::new, |r| format!("{}", (r * 100.0).round() / 100.0));
-        let name = if topic.name.is_empty() { "(table)".to_string() } else { visible(&topic.name).into_owned() };
-        table.add_row([
-            name,
-            topic.samples.to_string(),
-            rate,
-            clock(topic.longest_pause),
-            clock(topic.from),
-            clock(topic.to),
-        ]);
-    }
-    (1..6).for_each(|column| aligned_right(&mut table, column));
-    format!("{}, {} topics\n\n{}", log.format, log.topics.len(), trimmed(&table))
+    let mut table = Rows::over(&log.topics);
+    table.words("topic", |t| if t.name.is_empty() { "(table)".into() } else { visible(&t.name) });
+    table.number("samples", |t| t.samples);
+    table.number("rate [1/s]", |t| t.rate.map_or_else(String::new, |r| format!("{}", (r * 100.0).round() / 100.0)));
+    table.number("longest pause [s]", |t| clock(t.longest_pause));
+    table.number("from [s]", |t| clock(t.from));
+    table.number("to [s]", |t| clock(t.to));
+    format!("{}, {} topics\n\n{}", log.format, log.topics.len(), text::table(table))
 }
 
 /// Every field with its unit and range.
 pub fn log_fields(log: &LogDocument) -> String {
-    let mut table = plain(&["field", "unit", "least", "greatest", "no number"]);
-    for topic in &log.topics {
-        for field in &topic.fields {
-            let path =
-                if topic.name.is_empty() { field.name.clone() } else { format!("{}.{}", topic.name, field.name) };
-            let number = |v: Option<f64>| v.map_or_else(String::new, |v| format!("{v:.6}"));
-            let gaps = if field.gaps > 0 { field.gaps.to_string() } else { String::new() };
-            let unit = field.unit.as_deref().map_or_else(String::new, |u| visible(u).into_owned());
-            table.add_row([visible(&path).into_owned(), unit, number(field.least), number(field.greatest), gaps]);
-        }
-    }
-    (2..5).for_each(|column| aligned_right(&mut table, column));
-    trimmed(&table)
+    let number = |v: Option<f64>| v.map_or_else(String::new, |v| format!("{v:.6}"));
+    let mut table = Rows::over(log.topics.iter().flat_map(|t| t.fields.iter().map(move |f| (t, f))));
+    table.words("field", |(topic, field)| match topic.name.is_empty() {
+        true => visible(&field.name).into_owned(),
+        false => visible(&format!("{}.{}", topic.name, field.name)).into_owned(),
+    });
+    table.words("unit", |(_, f)| f.unit.as_deref().map_or_else(String::new, |u| visible(u).into_owned()));
+    table.number("least", |(_, f)| number(f.least));
+    table.number("greatest", |(_, f)| number(f.greatest));
+    table.number("no number", |(_, f)| if f.gaps > 0 { f.gaps.to_string() } else { String::new() });
+    text::table(table)
 }

@@ -1,31 +1,30 @@
 //! What came out of experiments: a table for each, one for all; the same for a page of Markdown.
 
-use super::table::{aligned_right, plain, trimmed};
+use super::section::Rows;
+use crate::text;
 use fdm_results::documents::digits;
 use fdm_results::documents::reproduction::Outcome;
 
 /// Every figure that was expected beside the one that came out.
 pub fn outcome_table(outcome: &Outcome) -> String {
     let mut text = format!("{}: {}\n{}\n", outcome.system, outcome.title, outcome.source);
-    let with_paper = outcome.checks.iter().any(|c| c.paper.is_some());
-    let mut header = vec!["step", "what"];
-    header.extend(with_paper.then_some("paper"));
-    header.extend(["expected", "got", "error", "off", ""]);
-    let mut table = plain(&header);
+    let mut table = Rows::over(&outcome.checks);
     let mut step = "";
-    for check in &outcome.checks {
-        let shown = if check.step == step { "" } else { check.step.as_str() };
-        step = &check.step;
-        let mut row = vec![shown.to_string(), check.what.clone()];
-        row.extend(with_paper.then(|| check.paper.clone().unwrap_or_default()));
-        row.extend([check.expected.clone(), check.got.clone()]);
-        row.push(check.standard_error.map_or(String::new(), |e| digits(e, 3)));
-        row.push(check.off.map_or(String::new(), |z| format!("{z:+.2}")));
-        row.push(if check.passed { "ok".into() } else { "FAILED".into() });
-        table.add_row(row);
+    table.words("step", |check| {
+        let same = std::mem::replace(&mut step, &check.step) == check.step;
+        if same { String::new() } else { check.step.clone() }
+    });
+    table.words("what", |check| check.what.clone());
+    if outcome.checks.iter().any(|c| c.paper.is_some()) {
+        table.words("paper", |check| check.paper.clone().unwrap_or_default());
     }
-    text.push_str(&trimmed(&table));
-    let passed = format!("{} of {} as expected", outcome.count_passed(), outcome.checks.len());
+    table.words("expected", |check| check.expected.clone());
+    table.words("got", |check| check.got.clone());
+    table.span("error", |check| check.standard_error.map_or(String::new(), |e| digits(e, 3)));
+    table.span("off", |check| check.off.map_or(String::new(), |z| format!("{z:+.2}")));
+    table.words("", |check| if check.passed { "ok" } else { "FAILED" });
+    text.push_str(&text::table(table));
+    let passed = format!("{} as expected", counts(&outcome));
     let worst = outcome.worst_error_in_standard_errors;
     text.push_str(&format!(
         "{passed}{}\n",
@@ -36,17 +35,21 @@ pub fn outcome_table(outcome: &Outcome) -> String {
 
 /// One line for each.
 pub fn outcomes_table(outcomes: &[Outcome]) -> String {
-    let mut table = plain(&["system", "parameters", "worst, in errors", "as expected", ""]);
-    for column in [1, 2] {
-        aligned_right(&mut table, column);
-    }
-    for o in outcomes {
-        let worst = o.worst_error_in_standard_errors.map_or("-".into(), |w| format!("{w:.2}"));
-        let counts = format!("{} of {}", o.count_passed(), o.checks.len());
-        let passed = if o.passed { "ok" } else { "FAILED" };
-        table.add_row([o.system.clone(), o.parameters.to_string(), worst, counts, passed.into()]);
-    }
-    trimmed(&table)
+    let mut table = Rows::over(outcomes);
+    table.words("system", |o| o.system.clone());
+    table.number("parameters", |o| o.parameters);
+    table.number("worst, in errors", worst);
+    table.words("as expected", counts);
+    table.words("", |o| if o.passed { "ok" } else { "FAILED" });
+    text::table(table)
+}
+
+fn worst(o: &&Outcome) -> String {
+    o.worst_error_in_standard_errors.map_or("-".into(), |w| format!("{w:.2}"))
+}
+
+fn counts(o: &&Outcome) -> String {
+    format!("{} of {}", o.count_passed(), o.checks.len())
 }
 
 /// Outcomes of reference systems as a table of a page in Markdown.
@@ -55,9 +58,8 @@ pub fn outcomes_markdown(outcomes: &[Outcome]) -> String {
         "| system | what | parameters | worst error in standard errors | as expected | the paper's figures |\n|---|---|---|---|---|---|\n",
     );
     for o in outcomes {
-        let worst = o.worst_error_in_standard_errors.map_or("-".into(), |w| format!("{w:.2}"));
-        let counts = format!("{} of {}", o.count_passed(), o.checks.len());
-        let row = [&format!("[{0}]({0})", o.system), &o.title, &o.parameters.to_string(), &worst, &counts, &o.remark];
+        let (link, parameters) = (format!("[{0}]({0})", o.system), o.parameters.to_string());
+        let row = [&link, &o.title, &parameters, &worst(&o), &counts(&o), &o.remark];
         text.push_str(&format!("| {} |\n", row.map(|cell| cell.replace('|', "\\|").replace('\n', " ")).join(" | ")));
     }
     text

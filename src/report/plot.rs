@@ -34,20 +34,10 @@ fn figure(k: usize, history: &TimeHistory<'_>) -> Figure {
         Mark::line("model", Look::Model, history.modelled.clone()),
     ];
     let rest = vec![Mark::line("measured - model", Look::Residual, residual)];
-    let panel =
-        |label: &str, height: u32, marks: Vec<Mark>| Panel { label: label.into(), height, logarithmic: false, marks };
-    Figure {
-        id: format!("history-{}", k + 1),
-        group: "histories".into(),
-        caption: history.title.clone(),
-        label: history.time_label.clone(),
-        logarithmic: false,
-        at: history.time.to_vec(),
-        panels: vec![panel(&history.value_label, 220, lines), panel("measured - model", 110, rest)],
-        names: Vec::new(),
-        half: false,
-        samples: None,
-    }
+    Figure::new(format!("history-{}", k + 1), history.title.clone(), history.time_label.clone(), history.time.to_vec())
+        .in_group("histories")
+        .with(Panel::new(&history.value_label, 220, lines))
+        .with(Panel::new("measured - model", 110, rest))
 }
 
 #[cfg(test)]

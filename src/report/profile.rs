@@ -1,9 +1,10 @@
-//! Profiles of the likelihood: a table and a picture.
+//! Profile likelihood: the interval of each parameter by the cost beside that by its error, and the rise of the cost over it.
 
-use super::table::{aligned_right, plain, trimmed};
+use super::section::{Part, Report, Rows, Section, Trust, Verdict};
 use crate::page::Paper;
 use crate::page::drawing::stacked;
 use crate::page::figure::{Figure, Look, Mark, Panel};
+use crate::{html, text};
 use fdm_results::documents::profile::{AtBound, End, Profile};
 use fdm_results::documents::{digits, digits_by_error, digits_of_end};
 
@@ -12,15 +13,32 @@ const REMARKS: usize = 5;
 /// Intervals by the cost and by the error agree within this part of the latter.
 const AGREE: f64 = 0.25;
 
-/// What the intervals are worth.
-pub(crate) struct Verdict {
-    /// Whether the data bound every parameter.
-    pub(crate) bounded: bool,
-    pub(crate) sentence: String,
+/// Verdict, then one row for each parameter: the interval by the cost beside that by the error.
+pub fn profile_table(profiles: &[Profile]) -> String {
+    text::below(format!("{}\n", verdict(profiles).sentence), &[intervals(profiles)])
+}
+
+/// A page of profiles of a model's parameters.
+pub fn profile_page(model: &str, profiles: &[Profile]) -> String {
+    let rises = Section::new("profiles", "Rise of the cost")
+        .line("Where the cost lies on the parabola, the interval by the error is right. The limit is what chance explains in 95 of 100 records.")
+        .with(Part::Pair(figures(profiles)));
+    html::page(&Report {
+        kind: "profile likelihood",
+        name: model.into(),
+        doc: None,
+        verdict: verdict(profiles),
+        sections: vec![intervals(profiles), rises],
+    })
+}
+
+/// A figure for each parameter: the cost beside the parabola of the printed error, and what it may rise.
+pub fn profile_svg(profiles: &[Profile]) -> String {
+    stacked(&figures(profiles), Paper::Light)
 }
 
 /// Whether every interval ends, and whether it is that by the error.
-pub(crate) fn verdict(profiles: &[Profile]) -> Verdict {
+fn verdict(profiles: &[Profile]) -> Verdict {
     let is_loose = |p: &&Profile| p.ends.iter().any(|end| !matches!(end, End::At(_)));
     let off = |p: &Profile, end: End| ((end.value() - p.value).abs() / p.reach() - 1.0).abs();
     let is_bent = |p: &&Profile| !p.bound && p.ends.iter().any(|end| off(p, *end) > AGREE);
@@ -39,55 +57,56 @@ pub(crate) fn verdict(profiles: &[Profile]) -> Verdict {
             names(bent)
         ));
     }
-    Verdict { bounded, sentence }
+    let trust = if bounded { Trust::Good } else { Trust::Reserved };
+    Verdict::new(trust, sentence).with_points(profiles.iter().flat_map(remarks), "intervals")
 }
 
-/// Verdict, then one row for each parameter: the interval by the cost beside that by the error.
-pub fn profile_table(profiles: &[Profile]) -> String {
-    let header = ["parameter", "value", "error", "95 % by error", "95 % by cost", "below", "above", "refits", "unit"];
-    let mut table = plain(&header);
-    [1, 2, 5, 6, 7].into_iter().for_each(|k| aligned_right(&mut table, k));
-    for p in profiles {
-        let half = p.reach();
-        let settled = if p.bound { 4 } else { digits_by_error(p.value, p.error, 3).unwrap_or(3) };
-        let shown = |v: f64| digits(v, settled);
-        let by_error = |text: String| if p.bound { "-".to_string() } else { text };
-        let [low, high] = p.ends;
-        table.add_row([
-            p.name.clone(),
-            shown(p.value),
-            by_error(digits(p.error, 3)),
-            by_error(format!(
-                "{} to {}",
-                digits_of_end(p.value - half, p.error),
-                digits_of_end(p.value + half, p.error)
-            )),
-            format!("{} to {}", told(p, low), told(p, high)),
-            by_error(format!("{:.2}", (p.value - low.value()) / half)),
-            by_error(format!("{:.2}", (high.value() - p.value) / half)),
-            p.refits.to_string(),
-            p.unit.clone().unwrap_or_default(),
-        ]);
-    }
-    let mut text = format!("{}\n\n{}", verdict(profiles).sentence, trimmed(&table));
-    text.push_str("\nbelow, above: how far the interval by the cost reaches, over that by the error\n");
+/// One row for each parameter, and what is to be said of ends.
+fn intervals(profiles: &[Profile]) -> Section {
+    // at a bound the error is a guess
+    let by_error = |p: &Profile, text: String| if p.bound { "-".to_string() } else { text };
+    let mut table = Rows::over(profiles);
+    table.name("parameter", |p| p.name.clone());
+    table.number("value", |p| {
+        digits(p.value, if p.bound { 4 } else { digits_by_error(p.value, p.error, 3).unwrap_or(3) })
+    });
+    table.number("error", |p| by_error(p, digits(p.error, 3)));
+    table.span("95 % by error", |p| {
+        let end = |side: f64| digits_of_end(p.value + side * p.reach(), p.error);
+        by_error(p, format!("{} to {}", end(-1.0), end(1.0)))
+    });
+    table.span("95 % by cost", |p| format!("{} to {}", end_cell(p, p.ends[0]), end_cell(p, p.ends[1])));
+    table.number("below", |p| by_error(p, format!("{:.2}", (p.value - p.ends[0].value()) / p.reach())));
+    table.number("above", |p| by_error(p, format!("{:.2}", (p.ends[1].value() - p.value) / p.reach())));
+    table.number("refits", |p| p.refits);
+    table.words("unit", |p| p.unit.clone().unwrap_or_default());
     let said: Vec<String> = profiles.iter().flat_map(remarks).collect();
-    said.iter().take(REMARKS).for_each(|line| text.push_str(line));
-    if said.len() > REMARKS {
-        text.push_str(&format!("{} more lines about ends of intervals: --json has them\n", said.len() - REMARKS));
-    }
+    let more = said.len().saturating_sub(REMARKS);
+    // pages have them below the verdict
+    let said = said.into_iter().take(REMARKS).map(|line| Part::Line(line).in_text());
+    let more =
+        (more > 0).then(|| Part::Line(format!("{more} more lines about ends of intervals: --json has them")).in_text());
+    Section::new("intervals", "Intervals")
+        .with(table)
+        .with(Part::Gap)
+        .note("below, above: how far the interval by the cost reaches, over that by the error")
+        .with_all(said)
+        .with_all(more)
+        .with_all(colour(profiles))
+}
+
+/// How much further the cost may rise where residuals are coloured.
+fn colour(profiles: &[Profile]) -> Option<Part> {
     let rises = || profiles.iter().map(|p| p.factor * p.factor).filter(|rise| *rise > 1.1);
-    if let (Some(least), Some(most)) = (rises().reduce(f64::min), rises().reduce(f64::max)) {
-        let range = if most > 1.05 * least { format!("{least:.1} to {most:.1}") } else { format!("{most:.1}") };
-        text.push_str(&format!(
-            "the residuals are coloured; the cost may rise {range} times as far as under white noise (`--rise 1.92`: as there)\n"
-        ));
-    }
-    text
+    let (least, most) = (rises().reduce(f64::min)?, rises().reduce(f64::max)?);
+    let range = if most > 1.05 * least { format!("{least:.1} to {most:.1}") } else { format!("{most:.1}") };
+    Some(Part::Note(format!(
+        "the residuals are coloured; the cost may rise {range} times as far as under white noise (`--rise 1.92`: as there)"
+    )))
 }
 
 /// What is to be said of both ends.
-pub(crate) fn remarks(p: &Profile) -> impl Iterator<Item = String> + '_ {
+fn remarks(p: &Profile) -> impl Iterator<Item = String> + '_ {
     let ends = p.ends.iter().zip(["left", "right"]).map(|(end, side)| remark(p, *end, side));
     let held =
         p.held.iter().zip(["left", "right"]).zip(&p.ends).map(|((held, side), end)| held_there(p, held, (side, *end)));
@@ -100,7 +119,7 @@ fn held_there(p: &Profile, held: &[AtBound], (side, end): (&str, End)) -> String
     match list.is_empty() {
         true => String::new(),
         false => format!(
-            "{}: about its end to the {side}, {}, the fit has {}\n",
+            "{}: about its end to the {side}, {}, the fit has {}",
             p.name,
             digits(end.value(), 4),
             list.join(", ")
@@ -109,7 +128,7 @@ fn held_there(p: &Profile, held: &[AtBound], (side, end): (&str, End)) -> String
 }
 
 /// An end of the interval by the cost.
-pub(crate) fn told(p: &Profile, end: End) -> String {
+fn end_cell(p: &Profile, end: End) -> String {
     // at a bound the error is a guess
     let value = if p.bound { digits(end.value(), 4) } else { digits_of_end(end.value(), p.error) };
     match end {
@@ -124,22 +143,20 @@ fn remark(p: &Profile, end: End, side: &str) -> String {
     let (name, value) = (&p.name, digits(end.value(), 4));
     match end {
         End::At(_) => String::new(),
-        End::Open(_) => format!("{name} is open to the {side}: the cost has not risen enough at {value}\n"),
+        End::Open(_) => format!("{name} is open to the {side}: the cost has not risen enough at {value}"),
         End::Bound(_) => format!(
-            "{name}: its bound {value} closes the interval: before it the cost rises by less than chance explains\n"
+            "{name}: its bound {value} closes the interval: before it the cost rises by less than chance explains"
         ),
-        End::Astray(_) => format!("{name}: no minimum is found to the {side} of {value}\n"),
-        End::Interrupted(_) => format!("{name}: interrupted at {value}, to the {side}\n"),
+        End::Astray(_) => format!("{name}: no minimum is found to the {side} of {value}"),
+        End::Interrupted(_) => format!("{name}: interrupted at {value}, to the {side}"),
     }
 }
 
-/// A figure for each parameter: the cost beside the parabola of the printed error, and what it may rise.
-pub fn profile_svg(profiles: &[Profile]) -> String {
-    let figures: Vec<Figure> = profiles.iter().enumerate().map(|(k, profile)| figure(k, profile)).collect();
-    stacked(&figures, Paper::Light)
+fn figures(profiles: &[Profile]) -> Vec<Figure> {
+    profiles.iter().enumerate().map(|(k, profile)| figure(k, profile)).collect()
 }
 
-pub(crate) fn figure(k: usize, profile: &Profile) -> Figure {
+fn figure(k: usize, profile: &Profile) -> Figure {
     let values = profile.points.iter().map(|p| p.value);
     let (low, high) = values.fold((profile.value, profile.value), |(a, b), v| (a.min(v), b.max(v)));
     let top = 1.6 * profile.rise;
@@ -160,18 +177,14 @@ pub(crate) fn figure(k: usize, profile: &Profile) -> Figure {
         Mark::line("limit", Look::Residual, vec![profile.rise; at.len()]),
         Mark::line("cost", Look::Model, cost),
     ];
-    Figure {
-        id: format!("profile-{}", k + 1),
-        group: "profiles".into(),
-        caption: format!("{}{unit}", profile.name),
-        label: format!("{}{unit}", profile.name),
-        logarithmic: false,
-        at: at.iter().map(|(v, _)| *v).collect(),
-        panels: vec![Panel { label: "rise of the cost".into(), height: 220, logarithmic: false, marks }],
-        names: Vec::new(),
-        half: false,
-        samples: None,
-    }
+    Figure::new(
+        format!("profile-{}", k + 1),
+        format!("{}{unit}", profile.name),
+        format!("{}{unit}", profile.name),
+        at.iter().map(|(v, _)| *v).collect(),
+    )
+    .in_group("profiles")
+    .with(Panel::new("rise of the cost", 220, marks))
 }
 
 /// Straight lines between the places that have a value; NaN outside them.
@@ -219,7 +232,7 @@ mod tests {
         let text = profile_table(&[held]);
         assert!(text.contains("a: about its end to the left, 0.8000, the fit has d at its bound 0\n"), "{text}");
         let open = profile("c", [End::Open(-5.0), End::At(1.2)], 2.0);
-        assert!(!verdict(&[even.clone(), open.clone()]).bounded);
+        assert!(verdict(&[even.clone(), open.clone()]).trust == Trust::Reserved);
         let text = profile_table(&[open, far, even]);
         assert!(text.starts_with("Not bounded on both sides: c. Those of b differ"), "{text}");
         assert!(text.contains("the cost may rise 4.0 times as far"), "{text}");

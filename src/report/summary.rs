@@ -1,6 +1,7 @@
 //! A model at a glance: what it declares, how sparse its derivatives are, and whether they were confirmed.
 
-use super::table::{aligned_right, plain, trimmed};
+use super::section::Rows;
+use crate::text;
 use fdm_grammar::graph::show;
 use fdm_grammar::model::{Param, Quantity};
 use fdm_results::documents::digits;
@@ -34,11 +35,8 @@ pub fn check_text(model: &Model, verification: &Verification) -> String {
 
 fn declarations(model: &Model) -> String {
     let definition = model.definition();
-    let mut table = plain(&["", "name", "unit", "start", "known", "meaning"]);
-    let mut add = |role: &str, q: &Quantity, start: String, bounds: String| {
-        let unit = q.unit.as_ref().map_or(String::new(), ToString::to_string);
-        table.add_row([role.to_string(), q.name.clone(), unit, start, bounds, q.doc.clone()]);
-    };
+    let mut rows: Vec<(String, &Quantity, String, String)> = Vec::new();
+    let mut add = |role: &str, q, start: String, known: String| rows.push((role.into(), q, start, known));
     for i in &definition.inputs {
         let role = match (i.is_declared(), i.slope) {
             (true, _) if i.known => "known",
@@ -72,8 +70,14 @@ fn declarations(model: &Model) -> String {
         let known: Vec<String> = expression.or(number).into_iter().chain(wrap).collect();
         add("output", &o.quantity, String::new(), known.join(", "));
     }
-    aligned_right(&mut table, 3);
-    trimmed(&table)
+    let mut table = Rows::over(rows);
+    table.words("", |row| row.0.clone());
+    table.name("name", |row| row.1.name.clone());
+    table.words("unit", |row| row.1.unit.as_ref().map_or(String::new(), ToString::to_string));
+    table.number("start", |row| row.2.clone());
+    table.words("known", |row| row.3.clone());
+    table.words("meaning", |row| row.1.doc.clone());
+    text::table(table)
 }
 
 fn bounds(p: &Param) -> String {

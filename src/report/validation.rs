@@ -1,136 +1,116 @@
-//! How a model does on runs that it was not fitted to, beside those that it was.
+//! How a model does on runs that it was not fitted to, beside those that it was: its errors, when and at which frequencies, and its bands.
 
-use super::table::{aligned_right, plain, trimmed};
-use fdm_discover::{LackOfFit, Window};
+use super::section::{Part, Rows, Section};
+use crate::text;
+use fdm_discover::{Band, LackOfFit, Window};
 use fdm_estimate::residuals::{Baseline, OutputQuality, TicParts, Whiteness};
-use fdm_results::documents::{BandCoverage, OutputDocument, digits, fixed};
+use fdm_results::documents::{BandCoverage, OutputDocument, Validation, digits, fixed};
 
-/// One row for each output of each run: those that are validated first, then those of the fit. `fitted` is what the
-/// fit said about its runs.
-pub fn validation_table(validated: &[OutputQuality], fitted: &[OutputDocument]) -> String {
-    let header =
-        ["", "run", "output", "RMS of residual", "R^2", "TIC", "of it bias", "variance", "covariance", "residuals"];
-    let mut table = plain(&header);
-    let own = validated.iter().map(|q| {
-        let (f, white) = (&q.fit, q.whiteness.as_ref());
-        Row {
-            role: "validated",
-            run: &f.run,
-            name: &f.name,
-            rms: f.rms,
-            r2: f.r2,
-            tic: f.tic,
-            parts: f.tic_parts,
-            white,
-        }
-    });
-    let other = fitted.iter().map(|o| {
-        let white = o.white();
-        Row { role: "fitted", run: &o.run, name: &o.name, rms: o.rms, r2: o.r2, tic: o.tic, parts: o.tic_parts, white }
-    });
-    own.chain(other).for_each(|row| {
-        table.add_row(cells(&row));
-    });
-    (3..9).for_each(|column| aligned_right(&mut table, column));
-    trimmed(&table)
+/// Below this part within its 95 % band a measurement is not predicted as well as the fit says.
+const TOO_FEW: f64 = 0.85;
+/// Parts of a run whose errors stand beside each other.
+const PARTS: usize = 5;
+
+/// Tables of a validation; `time` is the unit of time.
+pub fn validation_text(found: &Validation, baselines: &[Baseline], time: &str) -> String {
+    text::sections(&[section(found, Some(baselines), time)])
+}
+
+/// What is said of a validation, with what no model at all would miss by where that is at hand.
+pub(crate) fn section(found: &Validation, baselines: Option<&[Baseline]>, time: &str) -> Section {
+    let bands = (!found.bands.is_empty()).then(|| bands(&found.bands));
+    let errors = &found.lack_of_fit;
+    let when =
+        (!errors.is_empty()).then(|| [by_time(errors, time).into(), by_frequency(errors, time).into(), Part::Gap]);
+    Section::new("validation", "Validation data")
+        .with_all(band_verdict(&found.bands).map(|said| Part::Line(said).on_page()))
+        .with(outputs(&found.outputs, &found.fitted_outputs))
+        .with_all(baselines.map(without_a_model))
+        .with_all(bands)
+        .with_all(when.into_iter().flatten())
+        .with_all(errors.iter().flat_map(|m| &m.sentences).map(|said| Part::Line(said.clone())))
 }
 
 /// The error of each prediction beside what no model at all would miss by.
 pub fn baseline_table(baselines: &[Baseline]) -> String {
-    let mut table = plain(&["without a model", "run", "RMS of residual", "last value held", "straight line"]);
-    for b in baselines {
-        let numbers = [b.rms, b.last_value, b.straight_line].map(|v| digits(v, 4));
-        table.add_row([b.output.clone(), b.run.clone()].into_iter().chain(numbers));
-    }
-    (2..5).for_each(|column| aligned_right(&mut table, column));
-    trimmed(&table)
+    text::table(without_a_model(baselines))
 }
 
-/// What is told of an output of a run.
-struct Row<'a> {
-    role: &'static str,
-    run: &'a str,
-    name: &'a str,
-    rms: Option<f64>,
-    r2: Option<f64>,
-    tic: Option<f64>,
-    parts: Option<TicParts>,
-    white: Option<&'a Whiteness>,
+fn without_a_model(baselines: &[Baseline]) -> Rows<&Baseline> {
+    let mut table = Rows::over(baselines);
+    table.words("without a model", |b| b.output.clone());
+    table.words("run", |b| b.run.clone());
+    table.number("RMS of residual", |b| digits(b.rms, 4));
+    table.number("last value held", |b| digits(b.last_value, 4));
+    table.number("straight line", |b| digits(b.straight_line, 4));
+    table
+}
+
+/// One row for each output of each run: those that are validated first, then those of the fit.
+fn outputs(validated: &[OutputQuality], fitted: &[OutputDocument]) -> Rows<(&'static str, OutputDocument)> {
+    let own = validated.iter().map(|q| ("validated", OutputDocument::from(q)));
+    let part = |o: &OutputDocument, of: fn(TicParts) -> f64| fixed(o.tic_parts.map(of), 2);
+    let mut table = Rows::over(own.chain(fitted.iter().map(|o| ("fitted", o.clone()))));
+    table.words("", |(role, _)| *role);
+    table.words("run", |(_, o)| o.run.clone());
+    table.name("output", |(_, o)| o.name.clone());
+    table.number("RMS of residual", |(_, o)| {
+        o.rms.filter(|v| v.is_finite()).map_or(String::from("-"), |v| digits(v, 4))
+    });
+    table.number("R^2", |(_, o)| fixed(o.r2, 4));
+    table.number("TIC", |(_, o)| fixed(o.tic, 4));
+    table.number("of it bias", |(_, o)| part(o, |p| p.bias));
+    table.number("variance", |(_, o)| part(o, |p| p.variance));
+    table.number("covariance", |(_, o)| part(o, |p| p.covariance));
+    table.words("residuals", |(_, o)| colour(o.white()));
+    table
 }
 
 /// The root mean square of the error in each fifth of each run: whether a prediction runs away, and when.
-pub fn validation_by_time(lack_of_fit: &[LackOfFit], time: &str) -> String {
-    let mut table = plain(&["RMS of residual", "run", "fifth 1", "2", "3", "4", "5", &format!("ends at [{time}]")]);
-    for m in lack_of_fit {
-        for own in m.windows.chunk_by(|a, b| a.run == b.run) {
-            let fifth = |windows: &[Window]| {
-                let (share, samples) = windows.iter().fold((0.0, 0.0), |(e, n), w| (e + w.share, n + w.samples));
-                if samples > 0.0 { digits(m.rms * f64::sqrt(share / samples), 3) } else { "-".into() }
-            };
-            let mut row = vec![m.output.clone(), own[0].run.clone()];
-            row.extend((0..5).map(|k| fifth(&own[k * own.len() / 5..(k + 1) * own.len() / 5])));
-            row.push(own.last().map_or(String::new(), |w| digits(w.to, 4)));
-            table.add_row(row);
-        }
+fn by_time<'a>(errors: &'a [LackOfFit], time: &str) -> Rows<(&'a LackOfFit, &'a [Window])> {
+    let runs = errors.iter().flat_map(|m| m.windows.chunk_by(|a, b| a.run == b.run).map(move |own| (m, own)));
+    let mut table = Rows::over(runs);
+    table.words("RMS of residual", |(m, _)| m.output.clone());
+    table.words("run", |(_, own)| own[0].run.clone());
+    for k in 0..PARTS {
+        let title = if k == 0 { "fifth 1".to_string() } else { (k + 1).to_string() };
+        table.number(&title, |(m, own)| {
+            let part = &own[k * own.len() / PARTS..(k + 1) * own.len() / PARTS];
+            let (share, samples) = part.iter().fold((0.0, 0.0), |(e, n), w| (e + w.share, n + w.samples));
+            if samples > 0.0 { digits(m.rms * f64::sqrt(share / samples), 3) } else { "-".into() }
+        });
     }
-    (2..8).for_each(|column| aligned_right(&mut table, column));
-    trimmed(&table)
+    table.number(&format!("ends at [{time}]"), |(_, own)| own.last().map_or(String::new(), |w| digits(w.to, 4)));
+    table
 }
 
 /// The error by frequency, in octaves: its size, that of noise as strong as in the upper frequencies, and how much of the record is
 /// explained there.
-pub fn validation_by_frequency(lack_of_fit: &[LackOfFit], time: &str) -> String {
+fn by_frequency<'a>(errors: &'a [LackOfFit], time: &str) -> Rows<(&'a LackOfFit, &'a Band)> {
     let per = if time == "s" { "Hz".to_string() } else { format!("1/{time}") };
-    let heads = ["output", &format!("from [{per}]"), "to", "RMS of residual", "noise alone", "of the record explained"];
-    let mut table = plain(&heads);
-    for m in lack_of_fit {
-        for band in &m.bands {
-            let part = |share: f64| digits(m.rms * share.sqrt(), 3);
-            let explained = band.explained.map_or("-".into(), explained);
-            let (low, high) = (digits(band.low, 3), digits(band.high, 3));
-            table.add_row([m.output.clone(), low, high, part(band.share), part(band.noise), explained]);
-        }
-    }
-    (1..6).for_each(|column| aligned_right(&mut table, column));
-    trimmed(&table)
-}
-
-/// A part in percent; what is far worse than no model needs no digits.
-fn explained(part: f64) -> String {
-    if part < -9.99 { "< -999 %".into() } else { format!("{:.0} %", 100.0 * part) }
-}
-
-fn cells(row: &Row<'_>) -> Vec<String> {
-    let rms = row.rms.filter(|v| v.is_finite()).map_or(String::from("-"), |v| digits(v, 4));
-    let part = |of: fn(TicParts) -> f64| fixed(row.parts.map(of), 2);
-    vec![
-        row.role.into(),
-        row.run.into(),
-        row.name.into(),
-        rms,
-        fixed(row.r2, 4),
-        fixed(row.tic, 4),
-        part(|p| p.bias),
-        part(|p| p.variance),
-        part(|p| p.covariance),
-        colour(row.white),
-    ]
+    let mut table = Rows::over(errors.iter().flat_map(|m| m.bands.iter().map(move |band| (m, band))));
+    table.words("output", |(m, _)| m.output.clone());
+    table.number(&format!("from [{per}]"), |(_, band)| digits(band.low, 3));
+    table.number("to", |(_, band)| digits(band.high, 3));
+    table.number("RMS of residual", |(m, band)| digits(m.rms * band.share.sqrt(), 3));
+    table.number("noise alone", |(m, band)| digits(m.rms * band.noise.sqrt(), 3));
+    table.number("of the record explained", |(_, band)| match band.explained {
+        None => "-".into(),
+        // what is far worse than no model needs no digits
+        Some(part) if part < -9.99 => "< -999 %".into(),
+        Some(part) => format!("{:.0} %", 100.0 * part),
+    });
+    table
 }
 
 /// What the portmanteau test says.
 fn colour(white: Option<&Whiteness>) -> String {
-    match white.map(|w| w.p_value).filter(|p| p.is_finite()) {
+    match white.filter(|w| w.p_value.is_finite()) {
         None => "not tested".into(),
-        Some(p) if p < SIGNIFICANT => format!("coloured (p {p:.0e})"),
-        Some(p) => format!("white (p {p:.2})"),
+        Some(w) if w.is_white() => format!("white (p {:.2})", w.p_value),
+        Some(w) => format!("coloured (p {:.0e})", w.p_value),
     }
 }
-
-/// Residuals count as coloured below this p-value, as in [`Whiteness::is_white`](fdm_estimate::residuals::Whiteness::is_white).
-const SIGNIFICANT: f64 = 0.01;
-
-/// Below this part within its 95 % band a measurement is not predicted as well as the fit says.
-const TOO_FEW: f64 = 0.85;
 
 /// Whether measurements lie within their bands, in a sentence; none where there are none.
 pub fn band_verdict(bands: &[BandCoverage]) -> Option<String> {
@@ -161,16 +141,15 @@ pub fn band_verdict(bands: &[BandCoverage]) -> Option<String> {
 }
 
 /// How wide the 95 % bands of each output are, and how much of what was measured lies within them.
-pub fn band_table(bands: &[BandCoverage]) -> String {
-    let heads = ["95 % bands", "run", "of the response", "of a measurement", "measured within"];
-    let mut table = plain(&heads);
-    for b in bands {
-        let half = |v: Option<f64>| v.map_or("-".into(), |v| format!("± {}", digits(v, 3)));
-        let within = b.within.map_or("-".into(), |share| format!("{:.1} %", 100.0 * share));
-        table.add_row([b.output.clone(), b.run.clone(), half(b.response), half(b.measurement), within]);
-    }
-    (2..5).for_each(|column| aligned_right(&mut table, column));
-    trimmed(&table)
+fn bands(bands: &[BandCoverage]) -> Rows<&BandCoverage> {
+    let half = |v: Option<f64>| v.map_or("-".into(), |v| format!("± {}", digits(v, 3)));
+    let mut table = Rows::over(bands);
+    table.name("95 % bands", |b| b.output.clone());
+    table.words("run", |b| b.run.clone());
+    table.number("of the response", |b| half(b.response));
+    table.number("of a measurement", |b| half(b.measurement));
+    table.number("measured within", |b| b.within.map_or("-".into(), |share| format!("{:.1} %", 100.0 * share)));
+    table
 }
 
 #[cfg(test)]
@@ -203,10 +182,10 @@ mod tests {
             );
             fdm_results::documents::from_text(&text).unwrap()
         };
-        let text = validation_table(&[], &[row("a", 0.5), row("b", 1e-9)]);
+        let text = text::table(outputs(&[], &[row("a", 0.5), row("b", 1e-9)]));
         let lines: Vec<&str> = text.lines().map(str::trim).collect();
         assert!(lines[1].starts_with("fitted  a    y") && lines[1].ends_with("white (p 0.50)"), "{text}");
         assert!(lines[2].contains("0.7500") && lines[2].ends_with("coloured (p 1e-9)"), "{text}");
-        assert_eq!(validation_table(&[], &[]).lines().count(), 1);
+        assert_eq!(text::table(outputs(&[], &[])).lines().count(), 1);
     }
 }

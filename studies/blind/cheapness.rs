@@ -5,7 +5,7 @@ use crate::hidden::INSIDE;
 use fdm::Model;
 use fdm::diagnose::{DiagnosisOptions, diagnose};
 use fdm::effect::{Candidate, Catalogue, Choice, Kind, Subject};
-use fdm::estimate::{FitOptions, fit};
+use fdm::estimate::{FitOptions, Observer, Work, fit};
 use fdm::record::Run;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
@@ -27,13 +27,23 @@ pub(crate) fn compare(case: &Case) {
     println!("the best of the refits: {best:?}; named after screening: {named:?}; true: {:?}", case.truth.places);
 }
 
+/// When each stage of a diagnosis began.
+#[derive(Default)]
+struct Marks(Mutex<Vec<(String, Instant)>>);
+
+impl Observer for Marks {
+    fn stage(&self, what: &str) {
+        self.0.lock().expect("no thread panicked").push((what.into(), Instant::now()));
+    }
+}
+
 /// How long screening lasted, and what was named in the end.
 fn screened(case: &Case, learned: &[Run], held: &[Run]) -> (Duration, Option<String>) {
-    let marks: Mutex<Vec<(String, Instant)>> = Mutex::new(Vec::new());
-    let watcher = |text: &str| marks.lock().expect("no thread panicked").push((text.into(), Instant::now()));
+    let marks = Marks::default();
+    let work = Work::default().telling(&marks);
     let options = DiagnosisOptions { most: 1, ..DiagnosisOptions::default() };
-    let found = diagnose(&case.base, learned, held, &Catalogue::standard(), &options, &watcher).expect("a diagnosis");
-    let marks = marks.into_inner().expect("no thread panicked");
+    let found = diagnose(&case.base, learned, held, &Catalogue::standard(), &options, &work).expect("a diagnosis");
+    let marks = marks.0.into_inner().expect("no thread panicked");
     let at = |start: &str| marks.iter().find(|(text, _)| text.starts_with(start)).map(|(_, at)| *at);
     let (begun, ended) = (at("search 1").expect("a search"), at("search 1: screened").expect("its end"));
     let fits = at("fitting the best").expect("fits after screening");
@@ -63,7 +73,7 @@ fn refit(case: &Case, runs: &[Run], subject: &Subject, candidate: &Candidate) ->
     let extension = candidate.apply(subject, &case.known, &Choice::new()).ok()?;
     let begun = Instant::now();
     let cost = Model::compiled(extension.source().clone(), extension.compile()).ok().and_then(|model| {
-        let fitted = fit(&model, runs, &FitOptions::default(), &mut ()).ok()?;
+        let fitted = fit(&model, runs, &FitOptions::default(), &Work::default()).ok()?;
         fitted.estimate.cost
     });
     Some(Refit {

@@ -15,6 +15,7 @@ import shlex
 import subprocess
 import sys
 import time
+from collections import Counter
 
 # lines as they are, whatever the terminal
 WIDE = {**os.environ, "COLUMNS": "100000"}
@@ -86,7 +87,10 @@ def leaves(path, folder):
         return page.seen
     first, _, rest = text.partition("\n")
     if path.suffix == ".txt" and rest.startswith("{"):
-        return [("exit", first), *of_json(json.loads(rest.rsplit("\n----\n", 1)[0]))]
+        try:
+            return [("exit", first), *of_json(json.loads(rest.rsplit("\n----\n", 1)[0]))]
+        except json.JSONDecodeError:
+            pass
     return list(enumerate(CLOCK.sub("", text).splitlines()))
 
 
@@ -104,10 +108,19 @@ def compare(a, b):
             equal += 1
             continue
         different += 1
-        off = [(x, y) for x, y in zip(one, two) if x != y]
-        print(f"{name}: {len(one)} and {len(two)} values, {len(off)} differ at the same place")
-        for x, y in off[:2]:
+        # what stands at one place in both is compared there; of what was renamed, the values
+        gone, new = Counter(one) - Counter(two), Counter(two) - Counter(one)
+        places = {place for place, _ in gone} & {place for place, _ in new}
+        changed = [(x, y) for x in gone for y in new if x[0] == y[0]] if len(places) < 200 else []
+        moved = Counter(value for _, value in gone.elements()) == Counter(value for _, value in new.elements())
+        said = "other names, equal values" if moved and not places else f"{len(places)} values differ"
+        print(f"{name}: {said}; {sum(gone.values())} gone, {sum(new.values())} new")
+        for x, y in changed[:3]:
             print(f"    {str(x)[:140]}\n    {str(y)[:140]}")
+        for x in [x for x in gone if x[0] not in places][:2]:
+            print(f"    - {str(x)[:140]}")
+        for y in [y for y in new if y[0] not in places][:2]:
+            print(f"    + {str(y)[:140]}")
     print(f"{equal} files equal, {different} not")
     return different
 

@@ -1,9 +1,10 @@
 //! The best is kept over all passes of a fit: weights of smooth tables, coarse steps, chosen ones, and a limit of time.
 
 use fdm::Model;
-use fdm::estimate::{Fit, FitOptions, Iteration, Observer, Stop, fit};
+use fdm::estimate::{Fit, FitOptions, Halt, Stop, Work, fit};
 use fdm::record::Run;
-use std::ops::ControlFlow;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use support::Normal;
 
 /// Nothing moves at the start values: steps are chosen for a model at rest, and found too coarse where the tables have bent.
@@ -68,27 +69,14 @@ fn record() -> Run {
     }
 }
 
-/// Time that is over after it was asked for so often.
-struct Patience {
-    left: usize,
-    asked: usize,
-}
-
-impl Observer for Patience {
-    fn iteration(&mut self, _: &Iteration) -> ControlFlow<()> {
-        if self.stopped().is_some() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-    }
-
-    fn stopped(&mut self) -> Option<Stop> {
-        self.asked += 1;
-        (self.asked > self.left).then_some(Stop::TimeLimit)
-    }
-}
-
+/// A fit whose time is over after it was asked for so often, and how often it was.
 fn fitted(model: &Model, run: &Run, left: usize) -> (Fit, usize) {
-    let mut patience = Patience { left, asked: 0 };
-    let found = fit(model, std::slice::from_ref(run), &FitOptions::default(), &mut patience).unwrap();
-    (found, patience.asked)
+    let asked = Arc::new(AtomicUsize::new(0));
+    let count = Arc::clone(&asked);
+    let over = move || (count.fetch_add(1, Ordering::Relaxed) >= left).then_some(Stop::TimeLimit);
+    let work = Work::until(&Halt::asking(over));
+    let found = fit(model, std::slice::from_ref(run), &FitOptions::default(), &work).unwrap();
+    (found, asked.load(Ordering::Relaxed))
 }
 
 /// Logarithm of the likelihood of the residuals, without what is known of the tables.

@@ -1,7 +1,7 @@
 //! Blocks and ties in whole studies: blocks at rest, equalities switched off. (A hydrofoil under its autopilot: `fdm reproduce hydrofoil`.)
 
 use fdm::Model;
-use fdm::estimate::{Changes, FitOptions, Status, fit};
+use fdm::estimate::{Changes, FitOptions, Status, Work, fit};
 use fdm::record::Run;
 use fdm::simulate::Simulator;
 use support::Normal;
@@ -100,14 +100,15 @@ fn every_run_begins_at_rest_with_its_own_first_sample() {
         .collect();
     let away = [("T", 0.7), ("k", 1.0), ("a", 1.0)];
     let found =
-        fit(&model, &records, &FitOptions { changes: changes(&away), ..FitOptions::default() }, &mut ()).unwrap();
+        fit(&model, &records, &FitOptions { changes: changes(&away), ..FitOptions::default() }, &Work::default())
+            .unwrap();
     for (name, want) in [("T", 0.4), ("k", 2.0), ("a", 1.5)] {
         let value = found.estimate.parameter(name, None).unwrap().value;
         assert!((value / want - 1.0).abs() < 1e-6, "{name}: {value}");
     }
     assert!(found.estimate.parameters.iter().all(|p| !p.name.contains("initial")), "first samples are not reported");
     let refused = FitOptions { changes: changes(&[("initial(u)", 1.0)]), ..FitOptions::default() };
-    assert!(fit(&model, &records, &refused, &mut ()).is_err());
+    assert!(fit(&model, &records, &refused, &Work::default()).is_err());
 }
 
 #[test]
@@ -132,7 +133,7 @@ fn an_equality_is_tested_by_switching_its_tie_off() {
     let truth = theta(&open, &[("L", -2.0), ("N", -2.0), ("k", 3.0), ("c", 1.3)]);
     record.measured = response(&open, &record, &truth).iter().map(|y| y + 0.01 * normal.next()).collect();
     let records = [record];
-    let fitted = |model: &Model| fit(model, &records, &FitOptions::default(), &mut ()).unwrap();
+    let fitted = |model: &Model| fit(model, &records, &FitOptions::default(), &Work::default()).unwrap();
     let n_open = fitted(&model.untied(&["N".into()]).unwrap());
     let [tied, c_open, both] = [&model, &model.untied(&["c".into()]).unwrap(), &open].map(fitted);
     let own = tied.estimate.parameter("c", None).unwrap();

@@ -1,7 +1,7 @@
 //! The same linear model by time and by frequency domain: the same estimates within one standard error.
 
 use fdm::Model;
-use fdm::estimate::{FitOptions, SpectralOptions, fit, fit_spectra};
+use fdm::estimate::{FitOptions, SpectralOptions, Work, fit, fit_spectra};
 use fdm::frequency::EndTerms;
 use fdm::record::Run;
 use fdm::simulate::Simulator;
@@ -46,8 +46,9 @@ fn options(frequencies: Frequencies) -> SpectralOptions {
 /// Fits both ways and compares.
 fn agree(model: &Model, runs: &[Run], frequencies: Frequencies) {
     let time =
-        fit(model, runs, &FitOptions { bare: true, per_interval: Some(4), ..FitOptions::default() }, &mut ()).unwrap();
-    let spectra = fit_spectra(model, runs, &options(frequencies), &mut ()).unwrap();
+        fit(model, runs, &FitOptions { bare: true, per_interval: Some(4), ..FitOptions::default() }, &Work::default())
+            .unwrap();
+    let spectra = fit_spectra(model, runs, &options(frequencies), &Work::default()).unwrap();
     assert!(
         time.estimate.is_good() && spectra.is_good(),
         "{} {}",
@@ -90,7 +91,7 @@ fn records_cut_out_of_a_motion_on_the_grid_and_off_it() {
     run.measured.drain(..begin);
     let band = |spacing| Frequencies::Band { lowest: 0.1, highest: 1.0, spacing: Some(spacing) };
     for frequencies in [Frequencies::Grid { lowest: Some(0.1), highest: Some(1.0) }, band(0.0437), band(0.005)] {
-        let found = fit_spectra(&model, &runs, &options(frequencies.clone()), &mut ()).unwrap();
+        let found = fit_spectra(&model, &runs, &options(frequencies.clone()), &Work::default()).unwrap();
         for p in model.definition().params.iter() {
             let value = found.estimate.parameter(&p.quantity.name, None).unwrap().value;
             let off = (value / p.value - 1.0).abs();
@@ -151,7 +152,7 @@ fn derivatives_of_inputs_are_exact_in_the_frequency_domain() {
     for frequencies in [Frequencies::Grid { lowest: Some(0.1), highest: Some(1.5) }, band(0.0437)] {
         let known = SpectralOptions { ends: EndTerms::Known, ..options(frequencies.clone()) };
         for options in [options(frequencies.clone()), known] {
-            let found = fit_spectra(&model, &runs, &options, &mut ()).unwrap();
+            let found = fit_spectra(&model, &runs, &options, &Work::default()).unwrap();
             for p in &model.definition().params {
                 let value = found.estimate.parameter(&p.quantity.name, None).unwrap().value;
                 let off = (value / p.value - 1.0).abs();

@@ -1,7 +1,7 @@
 //! What runs bring: derivatives of models with known values, groups and angles that wrap, against central differences.
 
 use fdm::Model;
-use fdm::estimate::{FitOptions, fit};
+use fdm::estimate::{FitOptions, Work, fit};
 use fdm::record::Run;
 use fdm::simulate::Simulator;
 use std::collections::BTreeMap;
@@ -171,7 +171,7 @@ fn runs_at_other_trims_fit_one_model() {
     };
     let runs: Vec<Run> = trims.iter().enumerate().map(|(k, trim)| flown(k, *trim)).collect();
     for count in [2, 8] {
-        let found = fit(&short_period, &runs[..count], &FitOptions::default(), &mut ()).expect("a fit");
+        let found = fit(&short_period, &runs[..count], &FitOptions::default(), &Work::default()).expect("a fit");
         assert!(found.estimate.is_good(), "{}", found.estimate.termination);
         let off = |name: &str, run: Option<&str>, truth: f64| {
             let p = found.estimate.parameter(name, run).expect("estimated");

@@ -1,6 +1,6 @@
 //! Nonlinear terms as known inputs: a carried model has the response of the original where records are exact.
 
-use fdm::estimate::{Nonlinear, SpectralOptions, fit_spectra};
+use fdm::estimate::{Nonlinear, SpectralOptions, Work, fit_spectra};
 use fdm::record::Run;
 use fdm::simulate::Simulator;
 use fdm::spectrum::Frequencies;
@@ -111,7 +111,7 @@ fn deviations_in_errors(noise: [f64; 2], repeats: u64) -> [f64; 2] {
         let (mut chance, law) = (ChaCha8Rng::seed_from_u64(seed), Normal::standard());
         let noisy = |(k, y): (usize, &f64)| y + noise[k % 2] * law.inverse_cdf(chance.random_range(1e-12..1.0));
         run.measured = exact.iter().enumerate().map(noisy).collect();
-        let fit = fit_spectra(&model, std::slice::from_ref(&run), &options, &mut ()).expect("an estimate");
+        let fit = fit_spectra(&model, std::slice::from_ref(&run), &options, &Work::default()).expect("an estimate");
         for p in fit.estimate.parameters.iter().filter(|p| ["a", "b", "c", "e", "f"].contains(&p.name.as_str())) {
             let truth = model.definition().params.iter().find(|q| q.quantity.name == p.name).expect("declared").value;
             let off = |error: Option<f64>| ((p.value - truth) / error.expect("determined")).powi(2);

@@ -1,7 +1,7 @@
 //! The certified nonlinear regressions of NIST StRD: every problem from both starts, with the tool's default options.
 
 use fdm::Model;
-use fdm::estimate::{Changes, Fit, FitOptions, fit};
+use fdm::estimate::{Changes, Fit, FitOptions, Work, fit};
 use fdm::record::{ReadOptions, channels, read};
 use std::path::PathBuf;
 
@@ -58,7 +58,7 @@ impl Problem {
         let (run, _) = read(&record, &channels(model.definition()), &ReadOptions::default()).unwrap();
         let set = self.parameters.iter().map(|p| (p.name.clone(), p.starts[start])).collect();
         let options = FitOptions { changes: Changes { set, ..Changes::default() }, ..FitOptions::default() };
-        fit(&model, &[run], &options, &mut ()).unwrap()
+        fit(&model, &[run], &options, &Work::default()).unwrap()
     }
 
     /// Least log relative error over the parameters, between 0 and 11.

@@ -5,7 +5,7 @@ use fdm::equation_error::{RegressionOptions, regress};
 use fdm::estimate::Continuation;
 use fdm::record::Run;
 use fdm::simulate::{Scheme, Simulator, Steps};
-use fdm::{FitOptions, Model, Options, SpectralOptions, fit, fit_filter, fit_spectra};
+use fdm::{FitOptions, Model, Options, SpectralOptions, Work, fit, fit_filter, fit_spectra};
 use support::{Normal, model};
 
 /// How an input or a value of the run enters.
@@ -107,7 +107,7 @@ fn no_combination_panics_by_output_error() {
         for continuation in &strategies {
             let options = Options { iterations: 12, total: Some(60), ..Options::default() };
             let options = FitOptions { options, continuation: continuation.clone(), ..FitOptions::default() };
-            let said = fit(model, runs, &options, &mut ()).map(|f| f.estimate.termination.to_string());
+            let said = fit(model, runs, &options, &Work::default()).map(|f| f.estimate.termination.to_string());
             let said = said.unwrap_or_else(|e| e.to_string());
             assert!(!said.is_empty(), "{place}");
         }
@@ -117,7 +117,7 @@ fn no_combination_panics_by_output_error() {
 #[test]
 fn no_combination_panics_by_any_other_method() {
     each(false, |model, runs, place| {
-        let spectral = fit_spectra(model, runs, &SpectralOptions::default(), &mut ());
+        let spectral = fit_spectra(model, runs, &SpectralOptions::default(), &Work::default());
         let said = spectral.map(|f| f.estimate.termination.to_string()).unwrap_or_else(|e| e.to_string());
         assert!(!said.is_empty(), "{place}");
         let regressed = regress(model, runs, &RegressionOptions::default());
@@ -125,7 +125,7 @@ fn no_combination_panics_by_any_other_method() {
     });
     each(true, |model, runs, place| {
         let options = Options { iterations: 8, ..Options::default() };
-        let filtered = fit_filter(model, runs, &FitOptions { options, ..FitOptions::default() }, &mut ());
+        let filtered = fit_filter(model, runs, &FitOptions { options, ..FitOptions::default() }, &Work::default());
         let said = filtered.map(|f| f.fit.estimate.termination.to_string()).unwrap_or_else(|e| e.to_string());
         assert!(!said.is_empty(), "{place}");
     });
@@ -166,7 +166,7 @@ fn responses_are_those_of_the_same_equations_stage_by_stage() {
                 let want = response(&hidden, run, Steps::equal(Scheme::RungeKutta, 96));
                 let mut all = vec![Steps::equal(Scheme::RungeKutta, 96)];
                 if own.layout().affine.rates {
-                    all.extend([1, 3].map(|per| Steps::equal(Scheme::Recursion { subsystems: parts }, per)));
+                    all.extend([1, 3].map(|per| Steps::equal(Scheme::ExactDiscretisation { subsystems: parts }, per)));
                 }
                 for steps in all {
                     let (y, jacobian) = response(&own, run, steps);

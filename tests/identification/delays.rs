@@ -1,7 +1,7 @@
 //! Delayed states in equations: sensitivities against differences of the same simulation, responses against the method
 //! of steps, orders of convergence, and delays found again.
 
-use fdm::estimate::{Changes, FitOptions, fit};
+use fdm::estimate::{Changes, FitOptions, Work, fit};
 use fdm::record::Run;
 use fdm::simulate::{Simulator, StepOptions, Steps, choose_steps};
 use fdm::{Model, code};
@@ -476,7 +476,7 @@ fn a_past_that_memory_cannot_hold_is_an_error() {
     // a fit on steps that the user chose says the same
     let changes = Changes { set: vec![("tau".into(), 2000.0)], ..Changes::default() };
     let options = FitOptions { changes, per_interval: Some(256), ..FitOptions::default() };
-    let found = fit(&long, &[run.clone()], &options, &mut ()).expect_err("300 million numbers");
+    let found = fit(&long, &[run.clone()], &options, &Work::default()).expect_err("300 million numbers");
     assert!(
         found.to_string().contains("run `multisine`: ") && found.to_string().contains("reaches back over"),
         "{found}"
@@ -495,7 +495,7 @@ fn delays_of_a_state_an_input_and_an_output_are_found_again() {
     let mut run = run(&looped, even(500, 0.04));
     run.inputs.iter_mut().zip(&run.time).for_each(|(u, t)| *u *= (t / 2.0).min(1.0));
     run.measured = response(&looped, &run, 64, &theta(&looped, &truth));
-    let found = fit(&looped, std::slice::from_ref(&run), &FitOptions::default(), &mut ()).expect("runs");
+    let found = fit(&looped, std::slice::from_ref(&run), &FitOptions::default(), &Work::default()).expect("runs");
     assert!(found.estimate.is_good(), "{}", found.estimate.termination);
     for (name, want) in truth {
         let got = found.estimate.parameter(name, None).expect("estimated").value;

@@ -1,6 +1,6 @@
 //! Events: closed forms, differences of the same simulation, a record fitted, and what is refused in words.
 
-use fdm::estimate::{FitOptions, SpectralOptions, fit, fit_filter, fit_spectra};
+use fdm::estimate::{FitOptions, SpectralOptions, Work, fit, fit_filter, fit_spectra};
 use fdm::record::Run;
 use fdm::simulate::{EventFault, Scheme, Simulator, Steps};
 use fdm::{Model, code};
@@ -218,7 +218,7 @@ fn a_thermostat_is_found_from_its_record() {
     for (measured, t) in run.measured.iter_mut().zip(&run.time) {
         *measured = temperature(&truth, *t) + 0.02 * noise.next();
     }
-    let found = fit(&thermostat, &[run], &FitOptions::default(), &mut ()).unwrap();
+    let found = fit(&thermostat, &[run], &FitOptions::default(), &Work::default()).unwrap();
     assert!(found.estimate.termination.is_good(), "{:?}", found.estimate.termination);
     for (name, truth) in ["a", "b", "high", "low"].into_iter().zip(truth) {
         let parameter = found.estimate.parameter(name, None).unwrap();
@@ -265,8 +265,8 @@ fn what_does_not_know_events_says_so() {
     let runs = [run];
     let refusals = [
         Simulator::new(thermostat.dynamics(), &runs[0], Steps::equal(Scheme::Radau, 1)).err().unwrap().to_string(),
-        fit_filter(&thermostat, &runs, &FitOptions::default(), &mut ()).unwrap_err().to_string(),
-        fit_spectra(&thermostat, &runs, &SpectralOptions::default(), &mut ()).unwrap_err().to_string(),
+        fit_filter(&thermostat, &runs, &FitOptions::default(), &Work::default()).unwrap_err().to_string(),
+        fit_spectra(&thermostat, &runs, &SpectralOptions::default(), &Work::default()).unwrap_err().to_string(),
         fdm::linear::LinearModel::new(&thermostat).err().unwrap().to_string(),
         as_source(&thermostat),
     ];

@@ -1,6 +1,6 @@
 //! Few frequencies: the weights of the outputs are uncertain too, and errors know it.
 
-use fdm::estimate::{SpectralOptions, fit_spectra, quantile};
+use fdm::estimate::{SpectralOptions, Work, fit_spectra, quantile};
 use fdm::model;
 use fdm::record::Run;
 use fdm::simulate::Simulator;
@@ -37,7 +37,7 @@ fn coverage(highest: f64) -> [f64; 2] {
     for seed in 0..400 {
         let (mut chance, law) = (ChaCha8Rng::seed_from_u64(seed), Normal::standard());
         run.measured = exact.iter().map(|y| y + 0.02 * law.inverse_cdf(chance.random_range(1e-12..1.0))).collect();
-        let fit = fit_spectra(&model, std::slice::from_ref(&run), &options, &mut ()).expect("an estimate");
+        let fit = fit_spectra(&model, std::slice::from_ref(&run), &options, &Work::default()).expect("an estimate");
         for (name, truth) in [("a", -0.8), ("b", 1.3)] {
             let found = fit.estimate.parameter(name, None).expect("declared");
             let off = (found.value - truth).abs();

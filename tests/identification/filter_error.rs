@@ -1,6 +1,6 @@
 //! The filter-error method on vehicles in turbulence and on an unstable one.
 
-use fdm::estimate::{FitOptions, Options, Status, Termination, fit_filter};
+use fdm::estimate::{FitOptions, Options, Status, Termination, Work, fit_filter};
 use support::model;
 use support::turbulence::{
     AIRCRAFT, CALM, Flight, TRUTH, UNSTABLE_TRUTH, filtered, gusty, held, multistep, of, open_loop, theta,
@@ -67,11 +67,11 @@ fn noise_that_is_not_there_stands_at_zero() {
     let (model, run) = gusty(4, 0.0, 400);
     let changes = fdm::estimate::Changes { fix: vec!["L".into()], ..Default::default() };
     let options = FitOptions { changes, ..FitOptions::default() };
-    let found = fit_filter(&model, &[run], &options, &mut ()).unwrap();
+    let found = fit_filter(&model, &[run], &options, &Work::default()).unwrap();
     let s = found.fit.estimate.parameter("s", None).unwrap();
-    let silent = found.silent == ["s"] && s.value == 0.0 && s.status == Status::AtLowerBound;
+    let none = found.not_identifiable == ["s"] && s.value == 0.0 && s.status == Status::AtLowerBound;
     // the likelihood of a deviation that is 0 is highest at 0 in half of the records, else just above
-    assert!(silent || s.value < 3.0 * s.standard_error.unwrap(), "{} {:?}", s.value, found.silent);
+    assert!(none || s.value < 3.0 * s.standard_error.unwrap(), "{} {:?}", s.value, found.not_identifiable);
     assert!(found.fit.estimate.is_good(), "{}", found.fit.estimate.termination);
 }
 
@@ -107,6 +107,6 @@ fn the_same_bits_for_every_number_of_threads_and_an_end_when_asked() {
     };
     assert_eq!(with(1), with(2));
     let options = FitOptions { options: Options { iterations: 1, ..Options::default() }, ..FitOptions::default() };
-    let stopped = fit_filter(&model, &runs, &options, &mut ()).unwrap().fit.estimate.termination;
+    let stopped = fit_filter(&model, &runs, &options, &Work::default()).unwrap().fit.estimate.termination;
     assert_eq!(stopped, Termination::IterationLimit);
 }

@@ -1,6 +1,6 @@
 //! Flight-path reconstruction: known errors put into the sensors of a flight, and found again by the kinematic model.
 
-use fdm::estimate::{FitOptions, fit};
+use fdm::estimate::{FitOptions, Work, fit};
 use fdm::record::Run;
 use support::Normal;
 
@@ -100,7 +100,7 @@ fn flown(samples: usize, seed: u64) -> Run {
 #[test]
 fn errors_of_sensors_are_found_from_kinematics_alone() {
     let model = support::shipped("flight_path/model.fdm");
-    let found = fit(&model, &[flown(1000, 3)], &FitOptions::default(), &mut ()).unwrap();
+    let found = fit(&model, &[flown(1000, 3)], &FitOptions::default(), &Work::default()).unwrap();
     assert!(found.estimate.is_good(), "{}", found.estimate.termination);
     for (name, truth) in TRUTH {
         let p = found.estimate.parameter(name, None).unwrap();

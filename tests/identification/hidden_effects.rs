@@ -1,10 +1,10 @@
 //! Effects of coupled bodies, stops, propellers and sensors: hidden by an integrator of the test's own, found by the catalogue of their field.
 
-use fdm::Model;
 use fdm::diagnose::{Diagnosis, DiagnosisOptions, Verdict, diagnose};
 use fdm::effect::{Catalogue, Field};
 use fdm::record::Run;
 use fdm::simulate::Simulator;
+use fdm::{Model, Work};
 use support::Normal;
 
 /// Steps of the truth's integrator in a sample.
@@ -64,7 +64,7 @@ fn found(text: &str, runs: &[Run], validation: &[Run], field: Field, names: &[&s
     catalogue.restrict(&[field]);
     catalogue.retain(|name| names.contains(&name));
     let model = Model::from_text("model.fdm", text).unwrap();
-    let found = diagnose(&model, runs, validation, &catalogue, &DiagnosisOptions::default(), &|_| ()).unwrap();
+    let found = diagnose(&model, runs, validation, &catalogue, &DiagnosisOptions::default(), &Work::default()).unwrap();
     assert_eq!(found.verdict, Verdict::EffectFound, "{found:#?}");
     found
 }
@@ -268,7 +268,7 @@ fn a_law_without_a_name_is_a_table_in_the_text() {
     let mut catalogue = Catalogue::standard();
     catalogue.retain(|name| names.contains(&name));
     let options = DiagnosisOptions::default();
-    let found = diagnose(&model, &runs, &validation, &catalogue, &options, &|_| ()).unwrap();
+    let found = diagnose(&model, &runs, &validation, &catalogue, &options, &Work::default()).unwrap();
     assert_eq!(found.verdict, Verdict::UnknownCause, "{found:#?}");
     let law = found.front.iter().find(|model| model.recommended).unwrap();
     assert!(law.effects[0].effect == "law_curve", "{:#?}", found.front);
@@ -322,7 +322,8 @@ fn a_coefficient_that_bends_is_a_smooth_table_in_the_text() {
     let names = ["quadratic_damping", "cubic_stiffness", "coulomb_friction", "quadratic_term", "input_delay", "hinge"];
     let mut catalogue = Catalogue::standard();
     catalogue.retain(|name| names.contains(&name));
-    let found = diagnose(&model, &runs, &validation, &catalogue, &DiagnosisOptions::default(), &|_| ()).unwrap();
+    let found =
+        diagnose(&model, &runs, &validation, &catalogue, &DiagnosisOptions::default(), &Work::default()).unwrap();
     let proposed = found.front.iter().find(|m| m.table.is_some()).unwrap_or_else(|| panic!("{found:#?}"));
     let table = proposed.table.as_ref().unwrap();
     println!("{}", table.sentence);
@@ -374,7 +375,8 @@ fn a_straight_lift_is_no_table() {
     let mut catalogue = Catalogue::standard();
     catalogue.retain(|name| names.contains(&name));
     let model = Model::from_text("model.fdm", TEXT).unwrap();
-    let found = diagnose(&model, &runs, &validation, &catalogue, &DiagnosisOptions::default(), &|_| ()).unwrap();
+    let found =
+        diagnose(&model, &runs, &validation, &catalogue, &DiagnosisOptions::default(), &Work::default()).unwrap();
     assert_eq!(found.verdict, Verdict::NoEffectFound, "{found:#?}");
     assert!(found.front.iter().all(|m| m.table.is_none()) && found.extended.is_none());
 }
@@ -413,7 +415,8 @@ fn a_zero_in_slow_noise() {
     };
     let model = Model::from_text("aircraft.fdm", TEXT).unwrap();
     let runs = [run("one", 1.0), run("two", 2.0)];
-    let found = diagnose(&model, &runs, &[], &Catalogue::standard(), &DiagnosisOptions::default(), &|_| ()).unwrap();
+    let found =
+        diagnose(&model, &runs, &[], &Catalogue::standard(), &DiagnosisOptions::default(), &Work::default()).unwrap();
     assert_eq!(found.verdict, Verdict::EffectFound, "{found:#?}");
     assert_eq!(found.causes.len(), 1, "{:#?}", found.causes);
     let (value, error) = size(&found, "output_bias(attitude)");

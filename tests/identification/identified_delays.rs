@@ -2,7 +2,7 @@
 //! without noise, from poor starts.
 
 use fdm::Model;
-use fdm::estimate::{Changes, FitOptions, fit};
+use fdm::estimate::{Changes, FitOptions, Work, fit};
 use fdm::record::Run;
 use fdm::simulate::{Simulator, StepOptions, choose_steps};
 
@@ -53,7 +53,7 @@ fn three_delays_of_a_ship_are_found_from_poor_starts() {
     for start in starts {
         let set = TRUTH.iter().zip(start).map(|((name, _), value)| (name.to_string(), value)).collect();
         let options = FitOptions { changes: Changes { set, ..Changes::default() }, ..FitOptions::default() };
-        let found = fit(&model, &run, &options, &mut ()).unwrap();
+        let found = fit(&model, &run, &options, &Work::default()).unwrap();
         assert!(found.estimate.is_good(), "from {start:?}: {}", found.estimate.termination);
         for (name, want) in TRUTH {
             let got = found.estimate.parameter(name, None).unwrap().value;

@@ -1,7 +1,7 @@
 //! Intervals where the likelihood is curved: two rates that the record hardly tells apart, in white and in coloured noise. What is said of their profile is
 //! compared with a search over closed forms.
 
-use fdm::estimate::{Curvature, Fit, FitOptions, fit, quantile};
+use fdm::estimate::{Curvature, Fit, FitOptions, Work, fit, quantile};
 use fdm::record::Run;
 use support::Normal;
 
@@ -46,7 +46,7 @@ fn record(count: usize, dt: f64, noise: &[f64]) -> Run {
 
 fn fitted(noise: &str, run: &Run) -> Fit {
     let model = support::model(&STAGES.replace("NOISE", noise));
-    fit(&model, std::slice::from_ref(run), &FitOptions::default(), &mut ()).unwrap()
+    fit(&model, std::slice::from_ref(run), &FitOptions::default(), &Work::default()).unwrap()
 }
 
 /// The least sum of squares with one rate held, over the other and K.

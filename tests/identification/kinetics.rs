@@ -1,7 +1,7 @@
 //! Reaction kinetics of the COPS collection and a predator with its prey: published figures, from poor starts.
 
 use fdm::Model;
-use fdm::estimate::{Changes, Fit, FitOptions, fit};
+use fdm::estimate::{Changes, Fit, FitOptions, Work, fit};
 use fdm::record::{ReadOptions, Run, channels, read};
 use std::path::PathBuf;
 
@@ -42,7 +42,7 @@ fn from_poor_starts(system: &str, reached: impl Fn(f64) -> bool) -> Vec<Fit> {
     println!("{system}\nstart         sum of squares    corrections  evaluations  end");
     for (name, set) in starts(&model) {
         let options = FitOptions { changes: Changes { set, ..Changes::default() }, ..FitOptions::default() };
-        let fit = fit(&model, std::slice::from_ref(&run), &options, &mut ()).unwrap();
+        let fit = fit(&model, std::slice::from_ref(&run), &options, &Work::default()).unwrap();
         let (e, sum) = (&fit.estimate, squares(&fit));
         let fallbacks: String = e.fallbacks.iter().map(|a| format!(", {a}")).collect();
         println!(
@@ -90,7 +90,7 @@ fn methanol() {
 #[test]
 fn lynx_and_hare_within_the_reference_posterior() {
     let (model, run) = load("lynx_hare");
-    let fit = fit(&model, &[run], &FitOptions::default(), &mut ()).unwrap();
+    let fit = fit(&model, &[run], &FitOptions::default(), &Work::default()).unwrap();
     assert!(fit.estimate.is_good() && fit.estimate.determined_by_prior.is_empty(), "{}", fit.estimate.termination);
     let table = std::fs::read_to_string(folder("lynx_hare").join("reference_posterior.csv")).unwrap();
     let reference = |name: &str| {

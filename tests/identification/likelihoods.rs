@@ -1,7 +1,7 @@
 //! Likelihoods without a maximum, and those whose maximum lies behind a wall: the right values, or said.
 
 use fdm::Model;
-use fdm::estimate::{Degeneracy, Fit, FitOptions, MultiStart, Noise, Options, fit};
+use fdm::estimate::{Degeneracy, Fit, FitOptions, MultiStart, Noise, Options, Work, fit};
 use fdm::record::Run;
 use support::Normal;
 
@@ -42,7 +42,7 @@ fn noise_in_proportion_is_fitted_on_the_right_side_of_zero_from_the_start_values
         let model = Model::from_text("m.fdm", text).unwrap();
         for seed in 0..12 {
             let record = growth(seed);
-            let found = fit(&model, std::slice::from_ref(&record), &FitOptions::default(), &mut ()).unwrap();
+            let found = fit(&model, std::slice::from_ref(&record), &FitOptions::default(), &Work::default()).unwrap();
             // by hand: a grid around the maximum, refined
             let (mut best, mut at, mut width) = (f64::NEG_INFINITY, (0.2, 3.0), (0.19, 1.5));
             for _ in 0..12 {
@@ -78,7 +78,7 @@ fn a_deviation_that_passes_zero_is_said_and_one_with_a_floor_is_not() {
             "model m {{ state x = free; param k = 1 in [0, 10], rel = 0.1 in [0.001, 1]; der(x) = -k; output y = x; noise y = {noise}; }}"
         );
         let model = Model::from_text("m.fdm", text).unwrap();
-        fit(&model, std::slice::from_ref(&record), &FitOptions::default(), &mut ()).unwrap()
+        fit(&model, std::slice::from_ref(&record), &FitOptions::default(), &Work::default()).unwrap()
     };
     let bare = fitted("rel*abs(y)");
     assert!(!bare.is_good());
@@ -114,7 +114,7 @@ fn a_variance_of_an_output_that_is_interpolated_is_said_and_stated_noise_has_non
     for seed in 0..10 {
         let (model, record, noise) = chain(seed);
         let runs = std::slice::from_ref(&record);
-        let found = fit(&model, runs, &FitOptions::default(), &mut ()).unwrap();
+        let found = fit(&model, runs, &FitOptions::default(), &Work::default()).unwrap();
         for (o, name) in ["A", "B", "C"].iter().enumerate() {
             // residuals of a hundredth of the noise that is there
             let squares: f64 = noise[o..].iter().step_by(3).map(|e| e * e).sum();
@@ -129,7 +129,7 @@ fn a_variance_of_an_output_that_is_interpolated_is_said_and_stated_noise_has_non
         told += usize::from(!found.is_good() && !found.estimate.degenerate.is_empty());
         let noise = Noise::Given(vec![Some(1.0), Some(4.0), Some(1.5)]);
         let options = FitOptions { options: Options { noise, ..Options::default() }, ..FitOptions::default() };
-        let stated = fit(&model, runs, &options, &mut ()).unwrap();
+        let stated = fit(&model, runs, &options, &Work::default()).unwrap();
         assert!(stated.estimate.degenerate.is_empty() && (value(&stated, "k") - 0.15).abs() < 0.1, "{seed}");
     }
     assert!(told > 2, "{told} of 10");
@@ -157,16 +157,16 @@ fn a_maximum_beside_an_output_that_can_be_passed_through_is_said_and_one_sample_
     for seed in 0..10 {
         // four values lie on a cubic, whatever they are
         let (model, record) = cubic(seed, 4);
-        let found = fit(&model, std::slice::from_ref(&record), &FitOptions::default(), &mut ()).unwrap();
+        let found = fit(&model, std::slice::from_ref(&record), &FitOptions::default(), &Work::default()).unwrap();
         // where the other output says more of every parameter the weight of this one decides nothing
         assert!(!found.estimate.degenerate.is_empty() || found.estimate.leverages[0] < 1.0, "{seed}");
         elsewhere += usize::from(matches!(&found.estimate.degenerate[..],
             [Degeneracy::Elsewhere { output, samples: 4, gain }] if output == "y" && *gain > 1.0));
         let noise = Noise::Given(vec![Some(0.1), None]);
         let stated = FitOptions { options: Options { noise, ..Options::default() }, ..FitOptions::default() };
-        assert!(fit(&model, &[record], &stated, &mut ()).unwrap().is_good(), "{seed}");
+        assert!(fit(&model, &[record], &stated, &Work::default()).unwrap().is_good(), "{seed}");
         let (model, more) = cubic(seed, 8);
-        assert!(fit(&model, &[more], &FitOptions::default(), &mut ()).unwrap().is_good(), "{seed}");
+        assert!(fit(&model, &[more], &FitOptions::default(), &Work::default()).unwrap().is_good(), "{seed}");
     }
     assert!(elsewhere > 0, "of the others the weight is lost where the fit ends");
 }
@@ -180,7 +180,7 @@ fn minima_of_one_cost_at_two_places_are_two_and_that_of_the_given_start_is_kept(
     let mut normal = Normal(5);
     let measured = time.iter().map(|t| 4.0 * t + 0.1 * normal.next()).collect();
     let options = FitOptions { starts: MultiStart { count: 12, seed: 1 }, ..FitOptions::default() };
-    let found = fit(&model, &[run(time, measured, 1)], &options, &mut ()).unwrap();
+    let found = fit(&model, &[run(time, measured, 1)], &options, &Work::default()).unwrap();
     let other = found.equal_minima();
     assert!(other.len() == 1 && other[0].minimum == Some(2), "{:?}", found.starts);
     assert!((value(&found, "a") - 2.0).abs() < 0.05 && (other[0].values[0] + value(&found, "a")).abs() < 1e-6);

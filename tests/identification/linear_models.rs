@@ -96,7 +96,7 @@ fn compare(text: &str, run_of: impl Fn(&Model) -> Run, tiny: usize, tolerance: f
         assert!(dy < 1e-12 && dj < 1e-11, "{per} steps: outputs {dy:e}, sensitivities {dj:e}");
     }
     let scheme = exact(&linear);
-    assert!(matches!(scheme, Scheme::Recursion { .. }), "{scheme:?}");
+    assert!(matches!(scheme, Scheme::ExactDiscretisation { .. }), "{scheme:?}");
     let per = if linear.layout().delayed.is_empty() { 1 } else { tiny / 4 };
     let ((y, j), (want_y, want_j)) =
         (response(&linear, &run, scheme, per), response(&hidden, &run, Scheme::RungeKutta, tiny));
@@ -116,7 +116,7 @@ const HOVER: &str = include_str!("../../models/helicopter_benchmark/model.fdm");
 fn a_helicopter_in_three_subsystems() {
     compare(HOVER, |m| run(m, even(700, 1.0 / 350.0)), 64, 1e-10);
     let hover = model(HOVER);
-    let Scheme::Recursion { subsystems } = exact(&hover) else { panic!("it is linear") };
+    let Scheme::ExactDiscretisation { subsystems } = exact(&hover) else { panic!("it is linear") };
     assert_eq!(subsystems, 3);
 }
 
@@ -149,10 +149,10 @@ fn many_states_are_discretised_exactly_where_steps_would_be_short() {
     let (soft, stiff) = (model(&chain(0.02)), chain(200.0));
     assert_eq!(chosen(&soft), Scheme::RungeKutta);
     let (linear, hidden) = (model(&stiff), disguised(&stiff));
-    assert_eq!(chosen(&linear), Scheme::Recursion { subsystems: 1 });
+    assert_eq!(chosen(&linear), Scheme::ExactDiscretisation { subsystems: 1 });
     let run = run(&linear, even(60, 0.1));
     let ((y, j), (want_y, want_j)) = (
-        response(&linear, &run, Scheme::Recursion { subsystems: 1 }, 1),
+        response(&linear, &run, Scheme::ExactDiscretisation { subsystems: 1 }, 1),
         response(&hidden, &run, Scheme::RungeKutta, 256),
     );
     let (dy, dj) = (difference(&want_y, &y, 2), rows_apart(&want_j, &j, columns(&linear).len().next_multiple_of(8), 2));

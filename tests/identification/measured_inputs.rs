@@ -1,6 +1,6 @@
 //! Inputs that were measured with noise: coefficients before them are drawn towards zero, unless the noise is known.
 
-use fdm::estimate::{SpectralOptions, fit_spectra};
+use fdm::estimate::{SpectralOptions, Work, fit_spectra};
 use fdm::record::Run;
 use fdm::simulate::Simulator;
 use fdm::spectrum::Frequencies;
@@ -63,7 +63,7 @@ fn repeated(deviation: f64, kept: f64, repeats: u64) -> [f64; 3] {
         vane.zip(noise(flown.len(), kept, 2 * seed)).for_each(|(v, n)| *v += deviation * n);
         let gyro = noise(flown.len(), 0.0, 2 * seed + 1);
         run.measured = exact.iter().zip(gyro).map(|(y, n)| y + 0.01 * n).collect();
-        let fit = fit_spectra(&model, &[run], &options, &mut ()).expect("an estimate");
+        let fit = fit_spectra(&model, &[run], &options, &Work::default()).expect("an estimate");
         let found = fit.estimate.parameter("Mb", None).expect("declared");
         let corrected = fit.estimate.bias_corrections.iter().find(|d| d.name == "Mb").expect("a noisy input");
         squares += ((found.value + 2.0) / found.corrected_error.expect("determined")).powi(2);
@@ -96,7 +96,7 @@ fn without_noise_nothing_is_drawn() {
     let run = Run { name: "flight".into(), time, inputs, held, measured, input_gaps, stated: Vec::new(), output_gaps };
     for input_noise in [Vec::new(), vec![("beta".into(), 0.0)]] {
         let options = SpectralOptions { input_noise, ..SpectralOptions::default() };
-        let fit = fit_spectra(&model, std::slice::from_ref(&run), &options, &mut ()).expect("an estimate");
+        let fit = fit_spectra(&model, std::slice::from_ref(&run), &options, &Work::default()).expect("an estimate");
         assert!(fit.estimate.bias_corrections.is_empty());
     }
 }

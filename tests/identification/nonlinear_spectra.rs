@@ -1,6 +1,6 @@
 //! Nonlinear models in the frequency domain, linearised and with their terms carried in, beside the time domain.
 
-use fdm::estimate::{Nonlinear, SpectralError, SpectralOptions, fit_spectra};
+use fdm::estimate::{Nonlinear, SpectralError, SpectralOptions, Work, fit_spectra};
 use support::nonlinear::{Found, System, pendulum, roll_decay, ship};
 
 /// Prints estimates beside each other; returns the largest difference of those that both ways have, in standard errors of
@@ -53,7 +53,7 @@ fn a_rate_that_is_not_measured_cannot_be_carried_and_is_named() {
     let model = support::shipped("ship_roll_decay/model.fdm");
     let run = roll_decay("roll decay", 0.3).clean.with_channels(&[], &[0]);
     let options = SpectralOptions { nonlinear: Nonlinear::MeasuredRegressors, ..SpectralOptions::default() };
-    let told = fit_spectra(&model, &[run], &options, &mut ()).unwrap_err();
+    let told = fit_spectra(&model, &[run], &options, &Work::default()).unwrap_err();
     assert!(matches!(told, SpectralError::NotCarried(_)));
     let told = told.to_string();
     assert!(told.contains("`p*abs(p)` of `der(p)`") && told.contains("measure it"), "{told}");

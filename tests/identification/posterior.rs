@@ -1,6 +1,7 @@
 //! The sampler against reference posteriors of posteriordb (Magnusson et al.): lynx and hare, and a compartment with elimination by Michaelis and Menten.
 
 use fdm::Model;
+use fdm::estimate::Halt;
 use fdm::posterior::{Given, Posterior, Samples, Sampling, sample};
 use fdm::record::{ReadOptions, Run};
 use fdm::simulate::{StepOptions, choose_steps};
@@ -16,7 +17,7 @@ fn drawn(model: &Model, runs: Vec<Run>, target: f64) -> Samples {
     let theta = vec![theta; runs.len()];
     let posterior = Posterior::new(Given { model, runs, steps, theta, noise }).unwrap();
     let sampling = Sampling { chains: 4, draws: 500, warmup: 300, seed: 1, target, most_depth: 10 };
-    sample(&posterior, &sampling, &|| true).unwrap()
+    sample(&posterior, &sampling, &Halt::default()).unwrap()
 }
 
 #[test]

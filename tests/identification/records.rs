@@ -1,7 +1,7 @@
 //! Models that are driven by records of their outputs: by `measured(y)` in the text, and by substitution of states.
 
 use fdm::Model;
-use fdm::estimate::{Changes, FitError, FitOptions, Noise, Options, fit};
+use fdm::estimate::{Changes, FitError, FitOptions, Noise, Options, Work, fit};
 use fdm::record::{ReadOptions, Run, channels, read};
 use fdm::simulate::{Simulator, Unsuited};
 use support::Normal;
@@ -44,7 +44,8 @@ fn substituted_models_have_the_parameters_of_the_original() {
         let run = recorded(&original, n, dt);
         let substituted = original.substituted(&[0, 1]).expect("both are shown");
         let driven = run.with_measured(substituted.definition()).expect("complete");
-        let found = fit(&substituted, &[driven], &starting(&[("k", 0.1), ("c", 3.0)]), &mut ()).expect("a fit");
+        let found =
+            fit(&substituted, &[driven], &starting(&[("k", 0.1), ("c", 3.0)]), &Work::default()).expect("a fit");
         assert!(found.estimate.is_good(), "{}", found.estimate.termination);
         // the equations are linear in both: nothing is left to iterate
         assert!(found.estimate.iterations <= 4, "{}", found.estimate.iterations);
@@ -137,7 +138,7 @@ fn a_record_on_disk_drives_and_is_compared() {
     std::fs::write(&path, format!("t,u,y\n{rows}")).expect("a file");
     let (run, _) = read(&path, &channels(model.definition()), &ReadOptions::default()).expect("a record");
     assert_eq!(run.held.len(), 2);
-    let found = fit(&model, &[run], &FitOptions::default(), &mut ()).expect("a fit");
+    let found = fit(&model, &[run], &FitOptions::default(), &Work::default()).expect("a fit");
     let a = found.estimate.parameter("a", None).expect("a").value;
     assert!(found.estimate.is_good() && (a - 2.0).abs() < 1e-3, "{a}");
 }
@@ -151,7 +152,7 @@ fn noise_that_the_model_declares_is_known_to_the_fit() {
     run.measured.iter_mut().enumerate().for_each(|(k, z)| *z += 0.01 * (12.9898 * k as f64).sin());
     let error = |model: &Model, noise: Noise| {
         let options = FitOptions { options: Options { noise, ..Options::default() }, ..FitOptions::default() };
-        let found = fit(model, std::slice::from_ref(&run), &options, &mut ()).expect("a fit");
+        let found = fit(model, std::slice::from_ref(&run), &options, &Work::default()).expect("a fit");
         let a = found.estimate.parameter("a", None).expect("a");
         (a.value, a.standard_error.expect("an error"))
     };
@@ -167,7 +168,7 @@ fn noise_that_the_model_declares_is_known_to_the_fit() {
 fn a_run_without_its_records_is_refused_by_a_fit() {
     let model = model("model m { state x = free; param a = 1; der(x) = -a*measured(x); output y = x; }");
     let run = recorded(&self::model("model m { state x = 1; param a = 1; der(x) = -a*x; output y = x; }"), 20, 0.1);
-    let refused = fit(&model, &[run], &FitOptions::default(), &mut ());
+    let refused = fit(&model, &[run], &FitOptions::default(), &Work::default());
     let Err(FitError::Unsuited { reason, .. }) = &refused else { panic!("{refused:?}") };
     assert!(reason.to_string().contains("Run::with_measured"), "{reason}");
 }
@@ -200,7 +201,7 @@ fn noise_that_is_a_factor_is_plain_noise_of_logarithms() {
                 [(&logarithmic, ReadOptions { map, ..ReadOptions::default() }), (&plain, ReadOptions::default())];
             for (square, (model, options)) in squares.iter_mut().zip(ways) {
                 let (run, _) = read(&path, &channels(model.definition()), &options).expect("a record");
-                let found = fit(model, &[run], &FitOptions::default(), &mut ()).expect("a fit").estimate;
+                let found = fit(model, &[run], &FitOptions::default(), &Work::default()).expect("a fit").estimate;
                 let (k, c0) = (found.parameter("k", None).expect("k"), found.parameter("c0", None).expect("c0"));
                 *square += (k.value - truth).powi(2) / f64::from(repeats);
                 if model.definition().outputs[0].quantity.name == "log_c" {

@@ -1,7 +1,7 @@
 //! Known parameters hidden in simulated data, and found again.
 
 use fdm::Model;
-use fdm::estimate::{Changes, Fit, FitOptions, Options, fit};
+use fdm::estimate::{Changes, Fit, FitOptions, Options, Work, fit};
 use fdm::record::Run;
 use fdm::simulate::Simulator;
 use std::f64::consts::PI;
@@ -83,7 +83,7 @@ fn an_input_delay_and_an_output_delay_to_one_part_in_a_million() {
     let run = recorded("doublet", &model, &TRUTH, 1000, 0.02, 0.3);
     // the data were made with 8 steps between samples; the same discretisation leaves only the estimation's own error
     let options = FitOptions { per_interval: Some(STEPS), ..FitOptions::default() };
-    let found = fit(&model, std::slice::from_ref(&run), &options, &mut ()).unwrap();
+    let found = fit(&model, std::slice::from_ref(&run), &options, &Work::default()).unwrap();
     check(&found, &TRUTH, 1e-6);
     assert!(found.estimate.iterations < 30, "{} corrections", found.estimate.iterations);
 }
@@ -92,7 +92,7 @@ fn an_input_delay_and_an_output_delay_to_one_part_in_a_million() {
 fn the_steps_that_are_chosen_are_fine_enough_for_the_same_answer() {
     let model = Model::from_text("delays.fdm", DELAYS).unwrap();
     let run = recorded_with(64, "doublet", &model, &TRUTH, (1000, 0.02), 0.3);
-    let found = fit(&model, std::slice::from_ref(&run), &FitOptions::default(), &mut ()).unwrap();
+    let found = fit(&model, std::slice::from_ref(&run), &FitOptions::default(), &Work::default()).unwrap();
     assert!(found.integration[0].steps.most() < 64, "{:?}", found.integration);
     check(&found, &TRUTH, 1e-6);
 }
@@ -117,8 +117,8 @@ fn the_same_model_by_file_and_by_macro_gives_the_same_bits() {
     let by_file = Model::from_file(&path).unwrap();
     let run = recorded("doublet", &by_file, &TRUTH, 400, 0.05, 0.3);
     assert_eq!(run, recorded("doublet", &by_macro, &TRUTH, 400, 0.05, 0.3));
-    let fits =
-        [&by_file, &by_macro].map(|m| fit(m, std::slice::from_ref(&run), &FitOptions::default(), &mut ()).unwrap());
+    let fits = [&by_file, &by_macro]
+        .map(|m| fit(m, std::slice::from_ref(&run), &FitOptions::default(), &Work::default()).unwrap());
     assert_eq!(fits[0].estimate, fits[1].estimate);
 }
 
@@ -138,7 +138,8 @@ fn two_runs_with_their_own_biases_and_free_initial_states() {
         .map(|(own, name)| recorded(name, &model, &[&shared[..], &own[..]].concat(), 300, 0.05, 0.1))
         .collect();
     let found =
-        fit(&model, &runs, &FitOptions { per_interval: Some(STEPS), ..FitOptions::default() }, &mut ()).unwrap();
+        fit(&model, &runs, &FitOptions { per_interval: Some(STEPS), ..FitOptions::default() }, &Work::default())
+            .unwrap();
     assert!(found.estimate.is_good());
     for (name, want) in shared.iter().chain(&[("double", 6.6)]) {
         assert!((value(&found, name, None) - want).abs() < 1e-6, "{name}");
@@ -164,7 +165,7 @@ fn standard_errors_agree_with_the_scatter_of_repeats() {
     for _ in 0..repeats {
         let mut run = clean.clone();
         run.measured.iter_mut().for_each(|y| *y += 0.05 * size * noise.next());
-        let found = fit(&model, &[run], &options, &mut ()).unwrap();
+        let found = fit(&model, &[run], &options, &Work::default()).unwrap();
         for (k, (name, _)) in truth.iter().enumerate() {
             let parameter = found.estimate.parameter(name, None).unwrap();
             estimates[k].push(parameter.value);
@@ -187,14 +188,16 @@ fn what_the_user_changes_is_done() {
     let run = recorded("decay", &model, &[("k", 0.4), ("a", 1.5)], 50, 0.1, 0.0);
     let changes = Changes { set: vec![("k".into(), 0.8)], free: vec!["k".into()], ..Changes::default() };
     let found =
-        fit(&model, std::slice::from_ref(&run), &FitOptions { changes, ..FitOptions::default() }, &mut ()).unwrap();
+        fit(&model, std::slice::from_ref(&run), &FitOptions { changes, ..FitOptions::default() }, &Work::default())
+            .unwrap();
     check(&found, &[("k", 0.4), ("a", 1.5)], 1e-6);
     let changes = Changes { set: vec![("a".into(), 1.5)], fix: vec!["a".into()], ..Changes::default() };
     let held =
-        fit(&model, std::slice::from_ref(&run), &FitOptions { changes, ..FitOptions::default() }, &mut ()).unwrap();
+        fit(&model, std::slice::from_ref(&run), &FitOptions { changes, ..FitOptions::default() }, &Work::default())
+            .unwrap();
     assert_eq!((value(&held, "k", None), value(&held, "a", None)), (1.0, 1.5));
     let unknown = Changes { set: vec![("kk".into(), 1.0)], ..Changes::default() };
-    assert!(fit(&model, &[run], &FitOptions { changes: unknown, ..FitOptions::default() }, &mut ()).is_err());
+    assert!(fit(&model, &[run], &FitOptions { changes: unknown, ..FitOptions::default() }, &Work::default()).is_err());
 }
 
 #[test]
@@ -205,7 +208,7 @@ fn the_number_of_threads_changes_no_bit() {
     let options = FitOptions { options: Options { iterations: 4, ..Options::default() }, ..FitOptions::default() };
     let with = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| fit(&model, &runs, &options, &mut ()).unwrap().estimate)
+        pool.install(|| fit(&model, &runs, &options, &Work::default()).unwrap().estimate)
     };
     assert_eq!(with(1), with(3));
 }

@@ -1,8 +1,8 @@
 //! Recursive least squares with forgetting, and the iterate whose simulation errs least.
 
 use fdm::Model;
-use fdm::equation_error::{Detrend, Preprocessing, Recursion, RecursiveOptions, RegressionError, recursive};
-use fdm::estimate::{BestOptions, Criterion, FitOptions, best_iterate, fit};
+use fdm::equation_error::{Detrend, Preprocessing, RecursiveEstimates, RecursiveOptions, RegressionError, recursive};
+use fdm::estimate::{BestOptions, Criterion, FitOptions, Work, best_iterate, fit};
 use fdm::record::Run;
 use fdm::simulate::Simulator;
 use support::hovering::{drive, helicopter, hovering, off};
@@ -34,7 +34,7 @@ fn flown(model: &Model, truth: &[(&str, f64)], deviation: f64, seed: u64, sample
     flight.record("flight", seed, |t, _| (0..model.layout().inputs).map(|k| drive(t, k)).collect())
 }
 
-fn column(found: &Recursion, name: &str) -> usize {
+fn column(found: &RecursiveEstimates, name: &str) -> usize {
     found.parameters.iter().position(|p| p.name == name).unwrap_or_else(|| panic!("no {name}"))
 }
 
@@ -134,7 +134,7 @@ fn the_best_iterate_is_none_worse_than_any_other_and_output_error_starts_from_it
     assert_eq!(found.simulated.len(), 799);
     assert!(found.simulated.iter().all(|(_, e)| e.is_none_or(|e| e >= best)));
     assert!(best < found.error_of(798).unwrap(), "the last one remembers some hundred steps of a noisy record");
-    let better = fit(&found.model, std::slice::from_ref(&run), &FitOptions::default(), &mut ()).unwrap();
+    let better = fit(&found.model, std::slice::from_ref(&run), &FitOptions::default(), &Work::default()).unwrap();
     assert!(better.estimate.is_good(), "{}", better.estimate.termination);
     for (name, truth) in TRUTH {
         let p = better.estimate.parameter(name, None).unwrap();

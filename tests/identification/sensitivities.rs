@@ -400,7 +400,7 @@ fn a_derivative_that_drives_is_a_change_of_state() {
             simulator.simulate(&model.definition().start(), &mut y).expect("finite");
             y
         };
-        let recursion = Scheme::Recursion { subsystems: 2 };
+        let recursion = Scheme::ExactDiscretisation { subsystems: 2 };
         // with one step between samples a delayed input has an error of the fourth order
         let ways =
             [(Scheme::RungeKutta, 8, 1e-7), (Scheme::Radau, 8, 1e-7), (recursion, 8, 1e-7), (recursion, 1, 1e-4)];

@@ -1,7 +1,7 @@
 //! Stiff models are fitted: Robertson's kinetics from poor starts, without noise and with it.
 
 use fdm::Model;
-use fdm::estimate::{Changes, Fit, FitOptions, fit};
+use fdm::estimate::{Changes, Fit, FitOptions, Work, fit};
 use fdm::record::{ReadOptions, Run, channels, read};
 use fdm::simulate::Scheme;
 
@@ -18,7 +18,7 @@ fn robertson() -> (Model, Run) {
 fn fitted(model: &Model, run: &Run, start: [f64; 3]) -> Fit {
     let set = TRUE.iter().zip(start).map(|((name, _), value)| ((*name).to_string(), value)).collect();
     let options = FitOptions { changes: Changes { set, ..Changes::default() }, ..FitOptions::default() };
-    fit(model, std::slice::from_ref(run), &options, &mut ()).unwrap()
+    fit(model, std::slice::from_ref(run), &options, &Work::default()).unwrap()
 }
 
 #[test]

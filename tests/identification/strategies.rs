@@ -2,7 +2,7 @@
 
 use fdm::Model;
 use fdm::estimate::{
-    Changes, Continuation, Fit, FitOptions, Options, RecoveryStrategy, Shooting, Termination, by_confidence, fit,
+    Changes, Continuation, Fit, FitOptions, Options, RecoveryStrategy, Shooting, Termination, Work, by_confidence, fit,
 };
 use fdm::record::Run;
 use fdm::simulate::Simulator;
@@ -120,7 +120,7 @@ fn an_unstable_start_of_a_stable_plant_is_led_to_it() {
 
 /// The fit from these start values.
 fn fitted(model: &Model, runs: &[Run], start: &[(&str, f64)], options: FitOptions) -> Fit {
-    fit(model, runs, &FitOptions { changes: at(start), ..options }, &mut ()).unwrap()
+    fit(model, runs, &FitOptions { changes: at(start), ..options }, &Work::default()).unwrap()
 }
 
 fn never() -> FitOptions {
@@ -277,7 +277,7 @@ fn the_number_of_threads_changes_no_bit_on_any_way() {
     let with = |threads: usize, shooting| {
         let options = FitOptions { shooting, ..options.clone() };
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let fit = pool.install(|| fit(&model, &runs, &options, &mut ()).unwrap());
+        let fit = pool.install(|| fit(&model, &runs, &options, &Work::default()).unwrap());
         format!("{:?} {:?} {:?} {:?}", fit.estimate, fit.by_length, fit.fallback, fit.shooting)
     };
     for shooting in [None, Some(Shooting::Segments(4))] {
@@ -305,7 +305,7 @@ fn weights_and_lengths_tell_which_parameters_to_trust() {
     assert!(largest("b") > 2.0 && largest("b") > 1.5 * largest("a"), "a {} b {}", largest("a"), largest("b"));
     let order = by_confidence(&found.by_length);
     assert_eq!(order.iter().map(|s| s.name.as_str()).collect::<Vec<_>>(), ["a", "b"]);
-    let shown = fdm::report::confidence(&found);
+    let shown = fdm::report::confidence(&fdm::FitDocument::of(&found));
     assert!(shown.contains("by confidence") && shown.contains("without z_m"), "{shown}");
 }
 
@@ -314,7 +314,7 @@ fn strategies_that_cannot_be_followed_are_refused_with_the_reason() {
     let model = Model::from_text("elovich.fdm", ELOVICH).unwrap();
     let run = [taken_up(&model, "run", 24)];
     let refused = |model: &Model, run: &[Run], options: FitOptions| {
-        fit(model, run, &options, &mut ()).expect_err("impossible").to_string()
+        fit(model, run, &options, &Work::default()).expect_err("impossible").to_string()
     };
     let said = refused(&model, &run, FitOptions { substitute: vec!["p".into()], ..never() });
     assert!(said.contains("no state `p`"), "{said}");
@@ -343,7 +343,8 @@ fn what_no_way_can_better_ends_and_says_so() {
     let fallback = found.fallback.unwrap();
     assert!(fallback.by.is_none() && fallback.to_string().contains("no better"), "{fallback}");
     let fixed = Changes { fix: vec!["k".into()], ..Changes::default() };
-    let compared = fit(&model, &[run], &FitOptions { changes: fixed, ..FitOptions::default() }, &mut ()).unwrap();
+    let compared =
+        fit(&model, &[run], &FitOptions { changes: fixed, ..FitOptions::default() }, &Work::default()).unwrap();
     assert!(compared.fallback.is_none() && compared.estimate.termination.is_good());
 }
 

@@ -3,7 +3,7 @@
 use fdm::Model;
 use fdm::code::{Nominal, verify};
 use fdm::equation_error::{RegressionOptions, regress};
-use fdm::estimate::{Changes, Fit, FitOptions, Options, SmoothBy, Status, fit};
+use fdm::estimate::{Changes, Fit, FitOptions, Options, SmoothBy, Status, Work, fit};
 use fdm::record::Run;
 use support::Normal;
 
@@ -95,7 +95,8 @@ fn fitted(model: &Model, runs: &[Run], smooth_by: SmoothBy, start: Option<&Fit>)
     let params = start.iter().flat_map(|f| &f.estimate.parameters);
     let changes = Changes { set: params.map(|p| (p.name.clone(), p.value)).collect(), ..Changes::default() };
     let options = Options { smooth_by, colour: false, tolerance: 1e-6, ..Options::default() };
-    fit(model, runs, &FitOptions { changes, options, per_interval: Some(2), ..FitOptions::default() }, &mut ()).unwrap()
+    fit(model, runs, &FitOptions { changes, options, per_interval: Some(2), ..FitOptions::default() }, &Work::default())
+        .unwrap()
 }
 
 /// Root mean square of what the fit predicts wrongly of lift in manoeuvres that took no part, over that of the noise.
@@ -258,7 +259,7 @@ fn corrected_errors_beside_a_smooth_table_are_those_of_white_noise() {
             stated: vec![true],
             output_gaps: vec![0; 2],
         };
-        let found = fit(&model, &[run], &FitOptions::default(), &mut ()).unwrap();
+        let found = fit(&model, &[run], &FitOptions::default(), &Work::default()).unwrap();
         assert!(found.is_good(), "{}", found.estimate.termination);
         for (name, truth) in [("tau", 0.4), ("c", 0.7), ("b", 0.1)] {
             let p = found.estimate.parameter(name, None).unwrap();

@@ -3,7 +3,7 @@
 use fdm::Model;
 use fdm::code::{Nominal, verify};
 use fdm::equation_error::{RegressionOptions, regress};
-use fdm::estimate::{Changes, Fit, FitOptions, Nonlinear, SpectralOptions, Status, fit, fit_spectra};
+use fdm::estimate::{Changes, Fit, FitOptions, Nonlinear, SpectralOptions, Status, Work, fit, fit_spectra};
 use fdm::record::Run;
 use fdm::simulate::Simulator;
 use fdm::spectrum::Frequencies;
@@ -79,7 +79,7 @@ fn a_lift_curve_with_free_ordinates_is_found_within_its_errors() {
         assert!(model.warnings().is_empty());
         let set = CURVE.iter().map(|(n, v)| ((*n).to_string(), 0.8 * v + 0.05)).collect();
         let options = FitOptions { changes: Changes { set, ..Changes::default() }, ..FitOptions::default() };
-        found(&fit(&model, &[flight(&model, 0.02, 5)], &options, &mut ()).unwrap(), 0.05);
+        found(&fit(&model, &[flight(&model, 0.02, 5)], &options, &Work::default()).unwrap(), 0.05);
         let checked = verify(model.definition(), model.schedule(), &Nominal::start(model.definition()));
         assert!(checked.passed(), "{method}: {:?}", checked.failures);
     }
@@ -120,10 +120,10 @@ fn tables_are_carried_as_known_inputs() {
         ..SpectralOptions::default()
     };
     // without the line at zero the level of the curve cannot be seen, and that is said
-    let open = fit_spectra(&model, &flights, &options(&[]), &mut ()).unwrap().estimate.undetermined;
+    let open = fit_spectra(&model, &flights, &options(&[]), &Work::default()).unwrap().estimate.undetermined;
     let names: Vec<&str> = open.iter().flat_map(|d| d.moves.iter().map(|(name, _)| name.as_str())).collect();
     assert!(open.len() == 1 && CURVE.iter().all(|(name, _)| names.contains(name)), "{open:?}");
-    let fit = fit_spectra(&model, &flights, &options(&["CL1"]), &mut ()).unwrap();
+    let fit = fit_spectra(&model, &flights, &options(&["CL1"]), &Work::default()).unwrap();
     assert!(fit.is_good(), "{}", fit.estimate.termination);
     for (name, want) in CURVE.iter().filter(|(name, _)| *name != "CL1") {
         let p = fit.estimate.parameter(name, None).unwrap();
@@ -159,7 +159,7 @@ fn ordinates_that_no_flight_visits_are_said_to_be_open() {
         stated: Vec::new(),
         output_gaps: vec![0],
     };
-    let fit = fit(&model, &[run], &FitOptions::default(), &mut ()).unwrap();
+    let fit = fit(&model, &[run], &FitOptions::default(), &Work::default()).unwrap();
     let status = |name: &str| fit.estimate.parameter(name, None).unwrap().status;
     assert_eq!(
         ["y0", "y1", "y2", "y3"].map(status),

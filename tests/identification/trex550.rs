@@ -1,7 +1,7 @@
 //! The record of a model helicopter: sticks that were recorded late, found in the frequency domain, and what that is worth behind the data.
 
 use fdm::Model;
-use fdm::estimate::{Changes, SpectralFit, SpectralOptions, changed, fit_spectra};
+use fdm::estimate::{Changes, SpectralFit, SpectralOptions, Work, changed, fit_spectra};
 use fdm::frequency::EndTerms;
 use fdm::record::{ReadOptions, Run, channels, read};
 use fdm::spectrum::Frequencies;
@@ -23,8 +23,8 @@ fn predicted(model: &Model, from: &str, to: &str) -> (SpectralFit, Vec<f64>) {
         finish: false,
         ..SpectralOptions::default()
     };
-    let fit = fit_spectra(model, &[half(model, from)], &options, &mut ()).unwrap();
-    let behind = fit.predict(&[half(model, to)], &mut ()).unwrap();
+    let fit = fit_spectra(model, &[half(model, from)], &options, &Work::default()).unwrap();
+    let behind = fit.predict(&[half(model, to)], &Work::default()).unwrap();
     let tic = behind.quality.iter().map(|q| q.fit.tic.unwrap()).collect();
     (fit, tic)
 }

@@ -1,7 +1,7 @@
 //! What the data do not determine does no harm: it is held where it began, and the others are what they are beside it.
 
 use fdm::Model;
-use fdm::estimate::{Fit, FitOptions, Status, fit};
+use fdm::estimate::{Fit, FitOptions, Status, Work, fit};
 use fdm::record::Run;
 use support::Normal;
 
@@ -39,7 +39,7 @@ fn record(amplitude: f64) -> Run {
 
 fn fitted(text: &str, run: &Run) -> Fit {
     let model: Model = support::model(text);
-    fit(&model, std::slice::from_ref(run), &FitOptions::default(), &mut ()).unwrap()
+    fit(&model, std::slice::from_ref(run), &FitOptions::default(), &Work::default()).unwrap()
 }
 
 /// Values and both errors of the parameters before the stall.

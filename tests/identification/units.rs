@@ -1,7 +1,7 @@
 //! Functional mock-up units as parts of a model: beside the same part as text, whose derivatives are exact. The units are made here, by our own
 //! export; foreign ones stand in docs/notebook/studies.csv.
 
-use fdm::estimate::{FitOptions, fit};
+use fdm::estimate::{FitOptions, Work, fit};
 use fdm::linear::{LinearModel, Values};
 use fdm::record::Run;
 use fdm::simulate::{Scheme, Simulator, Steps};
@@ -167,7 +167,7 @@ fn fits_find_the_same_whatever_the_threads() {
     let runs = [run];
     let two = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
     let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-    let fitted = |model: &Model| fit(model, &runs, &options, &mut ()).unwrap().estimate;
+    let fitted = |model: &Model| fit(model, &runs, &options, &Work::default()).unwrap().estimate;
     let (own, again, other) = (one.install(|| fitted(&unit)), two.install(|| fitted(&unit)), fitted(&plain));
     assert!(own.termination.is_good(), "{}", own.termination);
     for name in ["gain", "k", "T0"] {

@@ -220,7 +220,7 @@ fn many_starts_have_a_waterfall() {
     let list = desk.good("plot many");
     assert!(list.lines().any(|l| l.starts_with("starts-1 ")), "{list}");
     let page = desk.good("report many -o -");
-    assert!(page.contains("6 starts, of which ") && page.contains("cost above the best"));
+    assert!(page.contains("6 starts: ") && page.contains("cost above the best"));
 }
 
 #[test]

@@ -1,11 +1,11 @@
 //! Linear systems with something hidden, and their records.
 
 use crate::Normal;
-use fdm::Model;
 use fdm::diagnose::{Diagnosis, DiagnosisError, DiagnosisOptions, Domain, diagnose};
 use fdm::effect::Catalogue;
 use fdm::record::Run;
 use fdm::simulate::Simulator;
+use fdm::{Model, Work};
 use fdm_grammar::Source;
 
 /// A system: its text with places for what is hidden.
@@ -165,7 +165,14 @@ pub fn diagnosed(
     catalogue: &Catalogue,
     domain: Domain,
 ) -> Result<Diagnosis, DiagnosisError> {
-    diagnose(model, runs, held, catalogue, &DiagnosisOptions { domain, ..DiagnosisOptions::default() }, &|_| ())
+    diagnose(
+        model,
+        runs,
+        held,
+        catalogue,
+        &DiagnosisOptions { domain, ..DiagnosisOptions::default() },
+        &Work::default(),
+    )
 }
 
 const HOVER: &str = include_str!("../../models/helicopter_benchmark/model.fdm");

@@ -4,7 +4,7 @@
 use crate::Normal;
 use fdm::Model;
 use fdm::estimate::{
-    Changes, FitOptions, Nonlinear, ParameterEstimate, SpectralFit, SpectralOptions, fit, fit_spectra,
+    Changes, FitOptions, Nonlinear, ParameterEstimate, SpectralFit, SpectralOptions, Work, fit, fit_spectra,
 };
 use fdm::frequency::EndTerms;
 use fdm::record::Run;
@@ -106,7 +106,7 @@ impl System {
     /// Output error in the time domain.
     pub fn in_time(&self, run: &Run) -> Vec<Option<Found>> {
         let options = FitOptions { changes: self.changes(), per_interval: Some(STEPS), ..FitOptions::default() };
-        let found = fit(&self.model, std::slice::from_ref(run), &options, &mut ()).unwrap();
+        let found = fit(&self.model, std::slice::from_ref(run), &options, &Work::default()).unwrap();
         assert!(found.estimate.is_good(), "{}: {}", self.name, found.estimate.termination);
         self.params().map(|(name, _)| of(found.estimate.parameter(name, None))).collect()
     }
@@ -122,7 +122,7 @@ impl System {
             finish: false,
             ..SpectralOptions::default()
         };
-        fit_spectra(&self.model, std::slice::from_ref(run), &options, &mut ()).unwrap()
+        fit_spectra(&self.model, std::slice::from_ref(run), &options, &Work::default()).unwrap()
     }
 
     /// The same, of parameters that the linear model sees.

@@ -6,7 +6,7 @@ pub mod puma;
 
 use crate::Normal;
 use fdm::Model;
-use fdm::estimate::{Changes, ParameterEstimate, SpectralFit, SpectralOptions, fit_spectra};
+use fdm::estimate::{Changes, ParameterEstimate, SpectralFit, SpectralOptions, Work, fit_spectra};
 use fdm::frequency::EndTerms;
 use fdm::record::Run;
 use fdm::simulate::Simulator;
@@ -127,7 +127,7 @@ pub fn off_by(model: &Model, part: f64) -> Changes {
 }
 
 pub fn fitted(model: &Model, runs: &[Run], options: &SpectralOptions) -> SpectralFit {
-    let fit = fit_spectra(model, runs, options, &mut ()).unwrap();
+    let fit = fit_spectra(model, runs, options, &Work::default()).unwrap();
     assert!(fit.estimate.termination.is_good(), "{}: {}", model.name(), fit.estimate.termination);
     fit
 }

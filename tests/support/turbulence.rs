@@ -4,7 +4,7 @@
 use crate::{Normal, model};
 use fdm::Model;
 use fdm::dynamics::{Point, Workspace};
-use fdm::estimate::{FilterFit, Fit, FitOptions, fit, fit_filter};
+use fdm::estimate::{FilterFit, Fit, FitOptions, Work, fit, fit_filter};
 use fdm::record::Run;
 
 /// Steps of the integration between samples.
@@ -149,13 +149,13 @@ pub fn held(seed: u64, samples: usize) -> (Model, Run) {
 pub const UNSTABLE_TRUTH: [(&str, f64); 4] = [("Mu", 2.5), ("Mq", 0.4), ("Md", 5.0), ("w", 0.1)];
 
 pub fn filtered(model: &Model, runs: &[Run]) -> FilterFit {
-    let found = fit_filter(model, runs, &FitOptions::default(), &mut ()).unwrap_or_else(|e| panic!("{e}"));
+    let found = fit_filter(model, runs, &FitOptions::default(), &Work::default()).unwrap_or_else(|e| panic!("{e}"));
     assert!(found.fit.estimate.is_good(), "{}", found.fit.estimate.termination);
     found
 }
 
 pub fn open_loop(model: &Model, runs: &[Run]) -> Fit {
-    fit(model, runs, &FitOptions::default(), &mut ()).unwrap_or_else(|e| panic!("{e}"))
+    fit(model, runs, &FitOptions::default(), &Work::default()).unwrap_or_else(|e| panic!("{e}"))
 }
 
 /// Value and error to be trusted.

@@ -4,6 +4,7 @@ use super::engine::Engine;
 use super::work::{Command, completed, read_job};
 use crate::deliver::Manner;
 use crate::failure::{Ending, Failure, OrFailure, as_json, ended, print, print_lines, remark};
+use crate::halt::uninterrupted;
 use crate::progress::Progress;
 use clap::Args;
 use fdm_estimate::CheckpointStore;
@@ -90,7 +91,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         seconds = seconds.or(time);
     }
     progress.finish();
-    if !progress.halt().uninterrupted() {
+    if !uninterrupted(progress.halt()) {
         return ended(false);
     }
     let program = program_fingerprint().or_failure()?;
@@ -123,15 +124,15 @@ fn planned(
     let (states, halt) = (Memory::default(), progress.halt());
     let (mut found, mut seconds) = (None, None);
     command
-        .tasks(&states as &dyn CheckpointStore, &halt, &mut |work, identity| {
-            found = Some(PlannedCommand::new(&name, &words, work, identity));
+        .tasks(&states as &dyn CheckpointStore, halt, &mut |tasks, identity| {
+            found = Some(PlannedCommand::new(&name, &words, tasks, identity));
             if timed {
                 progress.say("doing one task, to see how long it takes");
                 // the first start is the given one, which is not like the others
-                let task = 1.min(work.count().saturating_sub(1));
+                let task = 1.min(tasks.count().saturating_sub(1));
                 let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().or_failure()?;
                 let begun = Instant::now();
-                let done = one.install(|| work.once(task, &|| halt.goes_on())).map_err(Failure::Numbers)?;
+                let done = one.install(|| tasks.once(task, halt)).map_err(Failure::Numbers)?;
                 seconds = done.map(|_| begun.elapsed().as_secs_f64());
             }
             Ok(())

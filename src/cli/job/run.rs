@@ -3,10 +3,11 @@
 use super::work::{Command, JobFolder, host, kept, read_plan, refuse_other, unwritten};
 use crate::deliver::Manner;
 use crate::failure::{Ending, Failure, OrFailure, ended, remark};
-use crate::halt::{Halt, TimeLimit};
+use crate::halt::TimeLimit;
 use crate::progress::{Progress, counted};
 use crate::tasks::said;
 use clap::Args;
+use fdm_estimate::Halt;
 use fdm_lab::job::{Shard, work_off};
 use fdm_results::documents::{ShardAtWork, to_text};
 use fdm_results::store::{ProgressFile, TaskKey, TaskResults, make_folder, write_file};
@@ -79,7 +80,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
                 bench.put(TaskKey { command: *command, task }, result);
                 bar.inc(1);
             };
-            work(&job, *command, tasks, &halt, &came).err()
+            work(&job, *command, tasks, halt, &came).err()
         };
         let failures = by_command.par_iter().with_max_len(1).filter_map(one).collect();
         bench.end();
@@ -139,10 +140,10 @@ fn work(
     let planned = &job.plan.commands[command as usize];
     let read = Command::read(&planned.words)?.finishing(&planned.words, None);
     let states = kept(&job.plan, command as usize, &BTreeMap::new())?;
-    read.tasks(&states, halt, &mut |work, identity| {
+    read.tasks(&states, halt, &mut |of_command, identity| {
         refuse_other(&planned.identity, identity, &planned.name)?;
         let numbers = |reason: String| Failure::Numbers(reason);
-        work_off(work, tasks, &|| halt.goes_on(), came).map_err(numbers)
+        work_off(of_command, tasks, halt, came).map_err(numbers)
     })
     .map_err(|e| match (e, planned.name.as_str()) {
         (e, "") => e,

@@ -55,7 +55,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let commands: Vec<CommandStatus> = commands.collect();
     let (tasks, done) = (job.plan.count(), counts.iter().sum());
     let shards = heard(&job.folder);
-    let rate: f64 = shards.iter().filter(|s| s.alive).map(|s| s.told.rate()).sum();
+    let rate: f64 = shards.iter().filter(|s| s.alive).map(|s| s.report.rate()).sum();
     let status = JobStatus {
         folder: arguments.folder.display().to_string(),
         fdm: job.plan.fdm.clone(),
@@ -81,18 +81,20 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
 fn heard(folder: &Path) -> Vec<ShardStatus> {
     let now = clock_of(folder).unwrap_or_else(SystemTime::now);
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    let told = |entry: std::fs::DirEntry| -> Option<ShardStatus> {
+    let report = |entry: std::fs::DirEntry| -> Option<ShardStatus> {
         let name = entry.file_name().to_string_lossy().into_owned();
         if !(name.starts_with(".shard-") && name.ends_with(".progress")) {
             return None;
         }
-        let told: ShardAtWork = from_text(&std::fs::read_to_string(entry.path()).ok()?).ok()?;
+        let report: ShardAtWork = from_text(&std::fs::read_to_string(entry.path()).ok()?).ok()?;
         let written = entry.metadata().and_then(|about| about.modified()).ok()?;
         let silent = now.duration_since(written).map_or(0.0, |d| d.as_secs_f64());
-        Some(ShardStatus { told, silent, alive: silent < PULSES * PULSE.as_secs_f64() })
+        Some(ShardStatus { report, silent, alive: silent < PULSES * PULSE.as_secs_f64() })
     };
-    let mut all: Vec<ShardStatus> = entries.filter_map(told).collect();
-    let number = |s: &ShardStatus| s.told.shard.split('/').next().and_then(|n| n.parse::<u64>().ok());
-    all.sort_by(|a, b| (number(a), &a.told.host, a.told.process).cmp(&(number(b), &b.told.host, b.told.process)));
+    let mut all: Vec<ShardStatus> = entries.filter_map(report).collect();
+    let number = |s: &ShardStatus| s.report.shard.split('/').next().and_then(|n| n.parse::<u64>().ok());
+    all.sort_by(|a, b| {
+        (number(a), &a.report.host, a.report.process).cmp(&(number(b), &b.report.host, b.report.process))
+    });
     all
 }

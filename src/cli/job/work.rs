@@ -4,14 +4,13 @@
 //! ends the command with what all have done, by the code that the command itself runs.
 
 use crate::failure::{Ending, Failure, OrFailure, at, did_you_mean};
-use crate::halt::Halt;
 use crate::project::{self, plain, typed};
 use crate::request::{Refusal, unclear};
 use crate::tasks::{Visit, said};
 use crate::trust::{refuse_liberties, typed_only};
 use crate::{Verb, campaign, diagnose, fit, paths, profile, reproduce, study};
 use clap::{Arg, FromArgMatches};
-use fdm_estimate::CheckpointStore;
+use fdm_estimate::{CheckpointStore, Halt};
 use fdm_lab::job::{Memory, Plan};
 use fdm_results::store::{Identity, Provenance, TaskResults, program_fingerprint, read_input_text};
 use std::collections::BTreeMap;
@@ -81,7 +80,7 @@ impl Command {
             Self::Fit(a) => a.tasks(halt, visit),
             Self::Study(a) => a.tasks(states, halt, visit),
             Self::Profile(a) => a.tasks(states, halt, visit),
-            Self::Diagnose(a) => a.tasks(halt, visit),
+            Self::Diagnose(a) => a.tasks(visit),
             Self::Reproduce(a) => a.tasks(visit),
         }
     }

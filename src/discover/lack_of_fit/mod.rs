@@ -15,7 +15,7 @@ pub use gain_phase::Gain;
 use distribution::{
     OCTAVES, OutputResidual, Powers, UPPER, bands, by_amplitude, noise_level, root_of_median, shares, windows,
 };
-use fdm_estimate::residuals::OutputFit;
+use fdm_estimate::residuals::{OutputFit, residuals};
 use fdm_system::model::Model;
 use gain_phase::{Signals, gains, gains_of};
 use serde::{Deserialize, Serialize};
@@ -159,7 +159,7 @@ fn of_binned_output(model: &Model, passages: &[BinnedResidual], output: usize, q
 fn column(passage: &BinnedResidual, output: usize, q: usize) -> Option<BinnedOutput> {
     let pick = |values: &[f64]| -> Vec<f64> { values.iter().skip(output).step_by(q).copied().collect() };
     let (measured, response) = (pick(&passage.measured), pick(&passage.response));
-    let residual = measured.iter().zip(&response).map(|(z, y)| z - y).collect();
+    let residual = residuals(&measured, &response);
     let known = measured.iter().all(|z| z.is_finite()) && !measured.is_empty();
     let (frequency, samples) = (passage.frequency.clone(), passage.samples);
     known.then_some(BinnedOutput { frequency, measured, response, residual, samples })

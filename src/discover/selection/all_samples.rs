@@ -2,8 +2,9 @@
 
 use super::fitted_model::FittedModel;
 use super::initial_fit::{Thoroughness, plain_fit};
-use super::runs::{DiagnosisOptions, GoesOn, Runs};
+use super::runs::{DiagnosisOptions, Runs};
 use super::written_model::{WrittenModel, at_values, written_model};
+use fdm_estimate::Work;
 use fdm_system::record::Run;
 
 /// The runs as they were given, and the model as it was given fitted to them.
@@ -11,7 +12,7 @@ pub(super) struct AllSamples<'a> {
     pub(super) runs: Runs<'a>,
     pub(super) first: FittedModel,
     options: &'a DiagnosisOptions,
-    goes_on: &'a GoesOn<'a>,
+    work: &'a Work<'a>,
 }
 
 impl<'a> AllSamples<'a> {
@@ -19,11 +20,11 @@ impl<'a> AllSamples<'a> {
     pub(super) fn new(
         first: &FittedModel,
         runs: Runs<'a>,
-        (options, goes_on): (&'a DiagnosisOptions, &'a GoesOn<'a>),
+        (options, work): (&'a DiagnosisOptions, &'a Work<'a>),
     ) -> Option<Self> {
         let at = FittedModel::new(first.model.clone(), runs, first.theta.clone()).ok()?;
-        let fitted = plain_fit(&at, &at.theta, runs, (options, goes_on), Thoroughness::Once);
-        Some(Self { runs, first: fitted.unwrap_or(at), options, goes_on })
+        let fitted = plain_fit(&at, &at.theta, runs, (options, work), Thoroughness::Once);
+        Some(Self { runs, first: fitted.unwrap_or(at), options, work })
     }
 
     /// What a written model does with all samples, at its values.
@@ -44,7 +45,7 @@ impl<'a> AllSamples<'a> {
     pub(super) fn fitted_to(&self, written: &WrittenModel) -> Result<WrittenModel, String> {
         let FittedModel { model, theta, .. } = &written.fitted;
         let current = FittedModel::new(model.clone(), self.runs, theta.clone()).map_err(|e| e.to_string())?;
-        let asked = (self.runs, self.options, self.goes_on);
+        let asked = (self.runs, self.options, self.work);
         written_model(&current, theta, &self.first.response, asked, Thoroughness::Once)
     }
 

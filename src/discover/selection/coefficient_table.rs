@@ -154,7 +154,7 @@ impl FrontProblem<'_> {
         let pairs = text.dependences(&free(current.params()), &names, MOST);
         let own = split_fit_within(current, self.runs, self.noise, TRIAL).ok()?.fitting.cost;
         let trial = |pair: Dependence| -> Option<Trial> {
-            let signal = moving.iter().find(|m| m.signal.name == pair.signal).filter(|_| (self.goes_on)())?;
+            let signal = moving.iter().find(|m| m.signal.name == pair.signal).filter(|_| self.work.goes_on())?;
             let line = self.tabulated(current, (&text, &pair, signal), TRIED, "linear")?;
             let fit = split_fit_within(&line.model, self.runs, self.noise, TRIAL).ok()?;
             Some(Trial { pair, gain: own - fit.fitting.cost, line, theta: fit.theta })
@@ -166,7 +166,7 @@ impl FrontProblem<'_> {
             |gain: f64| chi_squared_tail(2.0 * gain.max(0.0), (TRIED - 1) as f64).map(|p| (count * p).min(1.0));
         let leaders = trials.into_iter().filter(|t| t.gain > most - BEHIND).take(LEADERS);
         let tables = leaders.filter_map(|trial| {
-            let p = chance(trial.gain).filter(|p| *p < self.options.alpha && (self.goes_on)())?;
+            let p = chance(trial.gain).filter(|p| *p < self.options.alpha && self.work.goes_on())?;
             let signal = moving.iter().find(|m| m.signal.name == trial.pair.signal)?;
             self.table(current, (&text, &trial, signal), p)
         });
@@ -250,7 +250,7 @@ impl FrontProblem<'_> {
         let pair = &trial.pair;
         let tabulated = self.tabulated(current, (text, pair, moving), WRITTEN, "cubic")?;
         let starts = trial.starts(&tabulated);
-        let asked = (self.options, self.goes_on);
+        let asked = (self.options, self.work);
         // a table that is not found from the broken line's fit is worth no fallback strategies: they take minutes
         let (fitted, estimate) =
             plain_fit_told(&tabulated.model, &starts, self.runs, asked, Thoroughness::Once).ok()?;

@@ -14,11 +14,11 @@ use super::fitting::{FitProblem, Fitting};
 use super::forward_step::{ForwardStep, weigh};
 use super::predictor::{Predictor, responses};
 use super::projection::{Projection, cosine};
-use super::runs::Progress;
 use super::shortlist::UnlikelyNoise;
 use super::whitening::{CommonNoise, ExcessNoise};
 use crate::bins::{Record, Signals};
 use crate::noise::LogSpectrum;
+use fdm_estimate::Work;
 use fdm_numeric::parallel;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
@@ -72,21 +72,21 @@ impl ForwardStep<'_> {
     ///
     /// # Errors
     /// [`DiagnosisError::Stopped`]: a comparison of some only would name another cause.
-    pub(super) fn comparison(&mut self, progress: &Progress<'_>) -> Result<Comparison, DiagnosisError> {
-        self.comparison_of(FEWEST..=MOST, progress)
+    pub(super) fn comparison(&mut self, work: &Work<'_>) -> Result<Comparison, DiagnosisError> {
+        self.comparison_of(FEWEST..=MOST, work)
     }
 
     /// Fits all candidates jointly with the model, whatever screening predicts: where the model is far off, its error
     /// passes for noise and predicted gains say little.
-    pub(super) fn comparison_of_all(&mut self, progress: &Progress<'_>) -> Result<Comparison, DiagnosisError> {
-        self.comparison_of(usize::MAX..=usize::MAX, progress)
+    pub(super) fn comparison_of_all(&mut self, work: &Work<'_>) -> Result<Comparison, DiagnosisError> {
+        self.comparison_of(usize::MAX..=usize::MAX, work)
     }
 
     /// Fits so many candidates, the fewest and the most, jointly with the model.
     pub(super) fn comparison_of(
         &mut self,
         count: RangeInclusive<usize>,
-        progress: &Progress<'_>,
+        work: &Work<'_>,
     ) -> Result<Comparison, DiagnosisError> {
         let (noise, base) = self.begun()?;
         let projection =
@@ -95,7 +95,7 @@ impl ForwardStep<'_> {
         let unlikely = self.unlikely_as_noise(&projection, &ranked).filter(|u| u.chance < DOUBTFUL);
         let mut chosen = self.chosen(count, ranked.clone(), (&projection, &noise, &base));
         chosen.extend(unlikely.map(|u| u.candidate).filter(|t| !chosen.contains(t)));
-        progress(&format!("fitting the best {} of {} candidates", chosen.len(), self.simulated.len()));
+        work.stage(&format!("fitting the best {} of {} candidates", chosen.len(), self.simulated.len()));
         let fitted = |t: &usize| self.may_go_on().ok().and_then(|()| self.candidate(*t, &projection, &noise, &base));
         let mut models: Vec<CandidateModel> = parallel::map(chosen.iter(), fitted).into_iter().flatten().collect();
         self.may_go_on()?;

@@ -97,12 +97,12 @@ impl<'a> ForwardSelection<'a> {
         }
         let noise = &end.noise.clone();
         let (first, before) = (&*first, split_fit(&first, self.runs, noise)?);
-        let (runs, options, goes_on) = (self.runs, self.options, self.goes_on);
+        let (runs, options, work) = (self.runs, self.options, self.work);
         let all = self.shared.whole.and_then(|whole| {
-            (self.progress)("fitting the model as it was given to all samples");
-            AllSamples::new(first, whole, (options, goes_on))
+            self.work.stage("fitting the model as it was given to all samples");
+            AllSamples::new(first, whole, (options, work))
         });
-        let problem = FrontProblem { first, runs, noise, options, goes_on, all };
+        let problem = FrontProblem { first, runs, noise, options, work, all };
         let mut conclusion = Conclusion {
             search: self,
             problem: &problem,
@@ -123,7 +123,7 @@ impl<'a> ForwardSelection<'a> {
         };
         conclusion.write_models(grown, other)?;
         conclusion.answer();
-        (conclusion.search.progress)("looking for disturbances, residual analysis");
+        conclusion.search.work.stage("looking for disturbances, residual analysis");
         let residuals = ResidualRecords::new(first, runs, &before.theta, noise)?;
         let lack_of_fit = residuals.lack_of_fit();
         let evidence = residuals.evidence();
@@ -151,7 +151,7 @@ impl<'c, 'a> Conclusion<'c, 'a> {
         if search.accepted.is_empty() && search.aside.is_empty() {
             return Ok(());
         }
-        (search.progress)("fitting the written models plainly");
+        search.work.stage("fitting the written models plainly");
         let path = |accepted: &mut Vec<Accepted>, current: Arc<FittedModel>| -> Result<SearchPath, DiagnosisError> {
             let split = split_fit(&current, problem.runs, problem.noise)?;
             Ok(SearchPath { accepted: std::mem::take(accepted), current, split, aside: false })
@@ -183,7 +183,7 @@ impl<'c, 'a> Conclusion<'c, 'a> {
         search.rejected.extend(found.rejected);
         let accepted = &search.accepted;
         search.rejected.retain(|r| accepted.iter().all(|a| a.cause.place != r.place));
-        if self.written.is_some() && !(search.goes_on)() {
+        if self.written.is_some() && !search.work.goes_on() {
             self.end.stop();
         }
         Ok(())
@@ -204,7 +204,7 @@ impl<'c, 'a> Conclusion<'c, 'a> {
 
     /// What the residuals of the model as it was given, and of what is recommended, say of causes.
     fn judge(&mut self, evidence: Option<&ResidualEvidence>) -> Result<Law, DiagnosisError> {
-        let FrontProblem { first, runs, noise, goes_on, .. } = *self.problem;
+        let FrontProblem { first, runs, noise, work, .. } = *self.problem;
         let explained = match &self.last {
             Some(current) => ResidualRecords::new(current, runs, &self.after.theta, noise)?.evidence(),
             None => None,
@@ -217,7 +217,7 @@ impl<'c, 'a> Conclusion<'c, 'a> {
         self.verdict = self.verdict_by(self.end.family_wise);
         let in_time = *runs.domain == Domain::Time;
         let left = explained.as_ref().is_some_and(ResidualEvidence::repeats);
-        let likeliest = evidence.filter(|_| in_time && goes_on()).and_then(|e| e.nonlinearities.curve());
+        let likeliest = evidence.filter(|_| in_time && work.goes_on()).and_then(|e| e.nonlinearities.curve());
         let mut fitted = None;
         if let (Verdict::UnknownCause, Some((law, _)), Some(current), Some(own)) =
             (self.verdict, &likeliest, &self.last, &self.written)
@@ -234,9 +234,9 @@ impl<'c, 'a> Conclusion<'c, 'a> {
     }
 
     fn curve_of(&self, law: &NonlinearityCurve) -> Option<LawModel> {
-        (self.search.progress)("fitting the curve of an unmodelled law");
-        let FrontProblem { first, runs, options, goes_on, .. } = *self.problem;
-        law_model(first, &self.before.theta, law, (runs, options, goes_on)).ok()
+        self.search.work.stage("fitting the curve of an unmodelled law");
+        let FrontProblem { first, runs, options, work, .. } = *self.problem;
+        law_model(first, &self.before.theta, law, (runs, options, work)).ok()
     }
 
     /// What is left beyond the noise although nothing was found; effects that are the likeness of something else are taken back.
@@ -265,7 +265,7 @@ impl<'c, 'a> Conclusion<'c, 'a> {
     fn show_law(&mut self, Law { likeliest, fitted, left }: Law) -> Option<FittedModel> {
         let effects = self.attribution.as_ref().and_then(|a| a.by_effect).unwrap_or(0.0).max(0.0);
         let unnamed = |odds: f64| self.verdict == Verdict::UnknownCause || (left && odds > effects + BELIEVED);
-        let (law, _) = likeliest.filter(|(_, odds)| unnamed(*odds) && (self.problem.goes_on)())?;
+        let (law, _) = likeliest.filter(|(_, odds)| unnamed(*odds) && self.problem.work.goes_on())?;
         let law = fitted.or_else(|| self.curve_of(&law))?;
         let mut told = self.problem.law(&law);
         if let Some(attribution) = self.attribution.as_mut().filter(|_| told.objection.is_none()) {
@@ -298,12 +298,12 @@ impl<'c, 'a> Conclusion<'c, 'a> {
 
     /// Coefficients as tables; `curve` is the model of a law that is recommended.
     fn try_tables(&mut self, curve: Option<&FittedModel>, left: bool) {
-        let FrontProblem { first, runs, noise, options, goes_on, .. } = *self.problem;
+        let FrontProblem { first, runs, noise, options, work, .. } = *self.problem;
         let in_time = *runs.domain == Domain::Time;
-        if !(options.tables && in_time && self.may_be_curved(left) && goes_on()) {
+        if !(options.tables && in_time && self.may_be_curved(left) && work.goes_on()) {
             return;
         }
-        (self.search.progress)("trying coefficients as tables");
+        self.search.work.stage("trying coefficients as tables");
         let accepted = &self.search.accepted;
         let score = |written: &WrittenModel| {
             let responses = (&first.response[..], &written.fitted.response[..]);

@@ -261,7 +261,7 @@ impl CandidateSimulation<'_> {
 
     /// Whether halving cannot move anything: a recursion is exact but for the moments of delayed signals.
     fn is_exact(&self) -> bool {
-        let recursive = |steps: &Steps| matches!(steps.scheme(), Scheme::Recursion { .. });
+        let recursive = |steps: &Steps| matches!(steps.scheme(), Scheme::ExactDiscretisation { .. });
         (0..self.own.len()).all(|r| recursive(&self.steps(r, 0))) && self.dynamics.layout().delayed.is_empty()
     }
 
@@ -290,8 +290,8 @@ impl CandidateSimulation<'_> {
 pub(super) fn steps_at(own: &Steps, level: usize, affine: bool) -> Steps {
     match own.scheme() {
         // a program that is not linear is integrated
-        Scheme::Recursion { .. } if !affine => Steps::equal(Scheme::RungeKutta, 1 << level),
-        scheme @ Scheme::Recursion { .. } => Steps::equal(scheme, 1 << level),
+        Scheme::ExactDiscretisation { .. } if !affine => Steps::equal(Scheme::RungeKutta, 1 << level),
+        scheme @ Scheme::ExactDiscretisation { .. } => Steps::equal(scheme, 1 << level),
         Scheme::RungeKutta if own.per_interval().is_some() => own.with_equal(1 << level),
         _ => (0..level).fold(own.clone(), |steps, _| steps.halved()),
     }

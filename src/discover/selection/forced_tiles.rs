@@ -12,10 +12,11 @@ use super::directions::{
 use super::extended_model::{AttachedEffect, SignalScales};
 use super::fitted_model::FittedModel;
 use super::predictor::Predictor;
-use super::runs::{Domain, GoesOn, Runs};
+use super::runs::{Domain, Runs};
 use crate::bins::{MeasuredRows, Signals};
 use fdm_effects::Candidate;
 use fdm_effects::forced::Forced;
+use fdm_estimate::Work;
 use fdm_grammar::graph::Signal;
 use fdm_grammar::schedule::Affine;
 use fdm_numeric::parallel;
@@ -40,23 +41,23 @@ type Attached = (AttachedEffect, Vec<TrialPoint>);
 pub(super) fn all_directions(
     candidates: &[&Candidate],
     (current, runs, scales): (&FittedModel, Runs<'_>, &SignalScales),
-    goes_on: &GoesOn<'_>,
+    work: &Work<'_>,
 ) -> Option<Vec<Result<CandidateDirections, String>>> {
-    let made = |candidate: &&Candidate| goes_on().then(|| attached(candidate, current, runs, scales));
+    let made = |candidate: &&Candidate| work.goes_on().then(|| attached(candidate, current, runs, scales));
     let mut waiting: Vec<Option<Result<Attached, String>>> =
         parallel::map(candidates.iter(), made).into_iter().collect::<Option<Vec<_>>>()?.into_iter().map(Some).collect();
     let mut found: Vec<Option<Result<CandidateDirections, String>>> = waiting.iter().map(|_| None).collect();
     if let Some(search) = Tiles::new(current, runs) {
         let list: Vec<(usize, &Attached)> =
             waiting.iter().enumerate().filter_map(|(k, a)| Some((k, a.as_ref()?.as_ref().ok()?))).collect();
-        for (k, columns) in search.columns(&list, goes_on)? {
+        for (k, columns) in search.columns(&list, work)? {
             if let Some(Ok(own)) = waiting[k].take() {
                 found[k] = Some(search.gathered(own, columns));
             }
         }
     }
     let alone = |(k, own): (usize, Option<Result<Attached, String>>)| match own {
-        Some(Ok(own)) => goes_on().then(|| (k, candidate_directions(own, current, runs))),
+        Some(Ok(own)) => work.goes_on().then(|| (k, candidate_directions(own, current, runs))),
         Some(Err(why)) => Some((k, Err(why))),
         None => Some((k, Err(String::new()))),
     };
@@ -114,7 +115,7 @@ impl<'a> Tiles<'a> {
     }
 
     /// The columns of all candidates that stand in tiles, by their numbers. None where it was stopped.
-    fn columns(&self, list: &[(usize, &'a Attached)], goes_on: &GoesOn<'_>) -> Option<Vec<(usize, Columns)>> {
+    fn columns(&self, list: &[(usize, &'a Attached)], work: &Work<'_>) -> Option<Vec<(usize, Columns)>> {
         let smooth = |(_, own): &&(usize, &Attached)| own.1.iter().all(TrialPoint::is_linear);
         let chosen: Vec<(usize, &Attached)> = list.iter().filter(smooth).copied().collect();
         let units: Vec<Unit<'_>> = chosen.iter().enumerate().flat_map(|(c, (_, own))| units(c, own)).collect();
@@ -124,7 +125,7 @@ impl<'a> Tiles<'a> {
         let mut open: Vec<usize> = (0..units.len()).collect();
         for level in 0..=MOST_HALVINGS {
             if level == 0 {
-                self.run(&units, &open, (0, 0), &mut first, goes_on)?;
+                self.run(&units, &open, (0, 0), &mut first, work)?;
             }
             open.retain(|u| first[*u].is_some());
             if level == MOST_HALVINGS {
@@ -132,7 +133,7 @@ impl<'a> Tiles<'a> {
                 break;
             }
             let mut finer = vec![None; units.len()];
-            self.run(&units, &open, (0, level + 1), &mut finer, goes_on)?;
+            self.run(&units, &open, (0, level + 1), &mut finer, work)?;
             open.retain(|u| {
                 let settled = match (&first[*u], &finer[*u]) {
                     (Some(a), Some(b)) => a.iter().zip(b).all(|(a, b)| difference(a, b) <= ACCURATE),
@@ -157,7 +158,7 @@ impl<'a> Tiles<'a> {
             let mut own = vec![None; units.len()];
             for level in 0..=MOST_HALVINGS {
                 let chosen: Vec<usize> = (0..units.len()).filter(|u| levels[*u] == Some(level)).collect();
-                self.run(&units, &chosen, (run, level), &mut own, goes_on)?;
+                self.run(&units, &chosen, (run, level), &mut own, work)?;
             }
             all.push(own);
         }
@@ -187,17 +188,17 @@ impl<'a> Tiles<'a> {
         chosen: &[usize],
         (run, level): (usize, usize),
         into: &mut [Option<Vec<Signals>>],
-        goes_on: &GoesOn<'_>,
+        work: &Work<'_>,
     ) -> Option<()> {
         let record = &self.runs.all[run];
         // a recursion is exact: its place is taken by steps that are fine enough from the first
-        let finer = usize::from(matches!(self.own[run].scheme(), Scheme::Recursion { .. }));
+        let finer = usize::from(matches!(self.own[run].scheme(), Scheme::ExactDiscretisation { .. }));
         let steps = steps_at(&self.own[run], level + finer, false);
         let numbers = record.len() * self.current.outputs();
         let width = (NUMBERS / numbers.max(1) / 8 * 8).clamp(8, COLUMNS);
         let tiles = self.tiled(units, chosen, width, steps.total(record.len()));
         let simulated = |tile: &Tile| {
-            let signals = goes_on().then(|| self.simulated(units, tile, (run, record), &steps))?;
+            let signals = work.goes_on().then(|| self.simulated(units, tile, (run, record), &steps))?;
             let mut signals = signals.unwrap_or_default().into_iter();
             let own = |(u, columns, _): &InTile| {
                 let part: Vec<Signals> = signals.by_ref().take(columns.len()).collect();
@@ -286,7 +287,7 @@ impl<'a> Tiles<'a> {
         let affine = Affine::of(&attached.definition).rates;
         let of = |own: &Steps| match own.scheme() {
             // exact: nothing can be halved
-            Scheme::Recursion { .. } if affine => steps_at(own, 0, affine),
+            Scheme::ExactDiscretisation { .. } if affine => steps_at(own, 0, affine),
             _ => steps_at(own, level, affine),
         };
         let predictors = self.own.iter().map(|own| Predictor::Steps(of(own))).collect();
@@ -364,7 +365,7 @@ mod tests {
         let scales = SignalScales::new(&current, runs);
         let places = Catalogue::standard().places(&current.subject).candidates;
         let scored: Vec<&Candidate> = places.iter().filter(|c| c.kind() != Kind::Variance).collect();
-        let found = all_directions(&scored, (&current, runs, &scales), &|| true).unwrap();
+        let found = all_directions(&scored, (&current, runs, &scales), &Work::default()).unwrap();
         let (mut compared, mut with_states) = (0, 0);
         for (candidate, together) in scored.iter().zip(found) {
             let alone = attached(candidate, &current, runs, &scales);

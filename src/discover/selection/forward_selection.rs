@@ -10,13 +10,13 @@ use super::fitted_model::{FittedModel, shared_from};
 use super::forward_step::ForwardStep;
 use super::initial_fit::initial_fits;
 use super::look_ahead::{Acceptable, NextStep};
-use super::runs::{DiagnosisOptions, Domain, GoesOn, Progress, Runs, apart, prepared, thinned};
+use super::runs::{DiagnosisOptions, Domain, Runs, apart, prepared, thinned};
 use super::significance::confirmed;
 use super::whitening::CommonNoise;
 use crate::diagnosis::{Diagnosis, EffectAt, LeftOut, Rejected, SelectionStep, Verdict};
 use crate::disturbance::BELIEVED;
 use fdm_effects::{Candidate, Catalogue, Choice, Subject};
-use fdm_estimate::changed;
+use fdm_estimate::{Work, changed};
 use fdm_grammar::syntax::Class;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
@@ -41,41 +41,19 @@ const ASKED: usize = 8;
 /// Finds what is missing from a model: fits it as it stands, screens every effect of the catalogue at every place, fits the best,
 /// and accepts what holds; again, until nothing more is justified.
 ///
-/// `held` are runs that take no part in fits: an effect must gain there too.
+/// `validation` are runs that take no part in fits: an effect must gain there too. Work that is to end begins nothing any more: what was
+/// accepted by then is the result, and it says that it was stopped.
 ///
 /// # Errors
-/// [`DiagnosisError`]; a search that finds nothing is a [`Diagnosis`].
+/// [`DiagnosisError`]; a search that finds nothing is a [`Diagnosis`]. [`DiagnosisError::Stopped`] before the base model is fitted and
+/// the candidates are screened.
 pub fn diagnose(
     model: &Model,
     runs: &[Run],
     validation: &[Run],
     catalogue: &Catalogue,
     options: &DiagnosisOptions,
-    progress: &Progress<'_>,
-) -> Result<Diagnosis, DiagnosisError> {
-    diagnose_while(model, runs, validation, catalogue, (options, progress), &|| true)
-}
-
-/// Whether every one of the `q` outputs has one value wherever it was measured.
-fn is_still(run: &Run, q: usize) -> bool {
-    (0..q).all(|k| {
-        let mut values = run.measured.iter().skip(k).step_by(q).filter(|z| !z.is_nan());
-        values.next().is_none_or(|first| values.all(|z| z == first))
-    })
-}
-
-/// As [`diagnose`], but once `goes_on` says no, nothing is begun any more: what was accepted by then is the result, and
-/// it says that it was stopped.
-///
-/// # Errors
-/// As [`diagnose`], and [`DiagnosisError::Stopped`] before the base model is fitted and the candidates are screened.
-pub fn diagnose_while(
-    model: &Model,
-    runs: &[Run],
-    validation: &[Run],
-    catalogue: &Catalogue,
-    (options, progress): (&DiagnosisOptions, &Progress<'_>),
-    goes_on: &GoesOn<'_>,
+    work: &Work<'_>,
 ) -> Result<Diagnosis, DiagnosisError> {
     apart(runs, validation)?;
     let of = |run: &Run| prepared(run, &options.domain);
@@ -96,20 +74,20 @@ pub fn diagnose_while(
     if runs.train().iter().all(|run| is_still(run, model.layout().outputs)) {
         return Err(DiagnosisError::Still);
     }
-    progress("fitting the base model");
+    work.stage("fitting the base model");
     let own = names(model);
-    let mut firsts = initial_fits(model, runs, options, goes_on)?.into_iter();
+    let mut firsts = initial_fits(model, runs, options, work)?.into_iter();
     let from = |first: FittedModel| {
         let whole = Some(Runs { all: &whole, ..runs }).filter(|whole| !whole.all.is_empty());
-        let shared = Shared { runs, whole, catalogue, options, progress, goes_on, own: &own };
+        let shared = Shared { runs, whole, catalogue, options, work, own: &own };
         ForwardSelection::new(&shared, None).run(first)
     };
     let likeliest = firsts.next().ok_or_else(|| DiagnosisError::NoFit("it has no end".into()))?;
     let mut found = from(likeliest)?;
     if found.verdict == Verdict::UnknownCause && found.family_wise_p < options.alpha {
         // the best fit of a base model that is badly wrong can be so distorted that no single effect improves it
-        for first in firsts.take_while(|_| goes_on()) {
-            progress("no candidate could be accepted there: restarting from the next-best local minimum");
+        for first in firsts.take_while(|_| work.goes_on()) {
+            work.stage("no candidate could be accepted there: restarting from the next-best local minimum");
             if let Some(other) = from(first).ok().filter(|other| other.verdict == Verdict::EffectFound) {
                 found = other;
                 break;
@@ -120,6 +98,14 @@ pub fn diagnose_while(
     Ok(found)
 }
 
+/// Whether every one of the `q` outputs has one value wherever it was measured.
+fn is_still(run: &Run, q: usize) -> bool {
+    (0..q).all(|k| {
+        let mut values = run.measured.iter().skip(k).step_by(q).filter(|z| !z.is_nan());
+        values.next().is_none_or(|first| values.all(|z| z == first))
+    })
+}
+
 /// What all searches of a diagnosis have in common.
 #[derive(Clone, Copy)]
 pub(super) struct Shared<'a> {
@@ -128,8 +114,7 @@ pub(super) struct Shared<'a> {
     pub(super) whole: Option<Runs<'a>>,
     catalogue: &'a Catalogue,
     options: &'a DiagnosisOptions,
-    progress: &'a Progress<'a>,
-    goes_on: &'a GoesOn<'a>,
+    work: &'a Work<'a>,
     /// Everything that the user gave a name.
     own: &'a BTreeSet<String>,
 }
@@ -138,8 +123,7 @@ pub(super) struct ForwardSelection<'a> {
     pub(super) shared: Shared<'a>,
     pub(super) runs: Runs<'a>,
     pub(super) options: &'a DiagnosisOptions,
-    pub(super) progress: &'a Progress<'a>,
-    pub(super) goes_on: &'a GoesOn<'a>,
+    pub(super) work: &'a Work<'a>,
     /// The only class of effects that is searched; all where there is none.
     classes: Option<Class>,
     pub(super) accepted: Vec<Accepted>,
@@ -191,22 +175,10 @@ impl End {
 
 impl<'a> ForwardSelection<'a> {
     fn new(shared: &Shared<'a>, classes: Option<Class>) -> Self {
-        let Shared { runs, options, progress, goes_on, .. } = *shared;
+        let Shared { runs, options, work, .. } = *shared;
         let (accepted, rejected, steps) = (Vec::new(), Vec::new(), Vec::new());
         let aside = Vec::new();
-        Self {
-            shared: *shared,
-            runs,
-            options,
-            progress,
-            goes_on,
-            classes,
-            accepted,
-            rejected,
-            steps,
-            aside,
-            fork: None,
-        }
+        Self { shared: *shared, runs, options, work, classes, accepted, rejected, steps, aside, fork: None }
     }
 
     /// Searches from the base model on, and again among mechanisms from where the first effect was taken that is none, if such are left in the
@@ -216,14 +188,14 @@ impl<'a> ForwardSelection<'a> {
         let mut reached = self.search((Arc::clone(&first), first), None)?;
         let noise = reached.end.noise.clone();
         if !self.accepted.is_empty() {
-            (self.progress)("fitting the extended model");
+            self.work.stage("fitting the extended model");
             reached.current = self.settled(&reached, &noise)?;
         }
         let class = |class: Class| self.accepted.iter().any(|a| a.candidate.effect().class() == class);
         let mixed = class(Class::StandIn) || (class(Class::Sensor) && class(Class::Mechanism));
-        let fork = self.fork.take().filter(|_| mixed && !reached.end.stopped && (self.goes_on)());
+        let fork = self.fork.take().filter(|_| mixed && !reached.end.stopped && self.work.goes_on());
         let other = fork.and_then(|fork| {
-            (self.progress)("searching among mechanisms alone");
+            self.work.stage("searching among mechanisms alone");
             let Fork { mut search, current } = *fork;
             let start = (Arc::clone(&reached.first), current);
             let mut mechanisms = search.search(start, Some(reached.end.clone())).ok()?;
@@ -252,16 +224,16 @@ impl<'a> ForwardSelection<'a> {
     ) -> Result<Reached, DiagnosisError> {
         let mut moves = 0;
         loop {
-            if let Some(last) = end.as_mut().filter(|_| !(self.goes_on)()) {
+            if let Some(last) = end.as_mut().filter(|_| !self.work.goes_on()) {
                 last.stop();
                 break;
             }
             let scales = SignalScales::new(&current, self.runs);
             let number = self.steps.len() + 1;
             let candidates = self.candidates(&current);
-            (self.progress)(&format!("search {number}: {} candidates", candidates.len()));
+            self.work.stage(&format!("search {number}: {} candidates", candidates.len()));
             let step = self.step(&current, &candidates, &scales);
-            (self.progress)(&format!("search {number}: screened"));
+            self.work.stage(&format!("search {number}: screened"));
             let mut step = match (step, &mut end) {
                 // what was accepted stays
                 (Err(DiagnosisError::Stopped), Some(last)) => {
@@ -294,7 +266,7 @@ impl<'a> ForwardSelection<'a> {
             if moves < MOST_MOVES
                 && let Some(next) = comparison.as_ref().and_then(|c| self.elsewhere(&current, c))
             {
-                (self.progress)("the base model has a better minimum: restarting from there");
+                self.work.stage("the base model has a better minimum: restarting from there");
                 current = Arc::new(next);
                 if self.accepted.is_empty() {
                     first = Arc::clone(&current);
@@ -346,24 +318,24 @@ impl<'a> ForwardSelection<'a> {
         candidates: &[Candidate],
         scales: &SignalScales,
     ) -> Result<ForwardStep<'a>, DiagnosisError> {
-        ForwardStep::new(Arc::clone(current), self.runs, candidates, scales, (self.options, self.goes_on))
+        ForwardStep::new(Arc::clone(current), self.runs, candidates, scales, (self.options, self.work))
     }
 
     /// The best candidates fitted: fewer where they are asked only whether anything is there.
     fn comparison(&self, step: &mut ForwardStep<'a>) -> Result<Comparison, DiagnosisError> {
         let alpha = self.options.alpha;
         if step.screening.family_wise >= alpha {
-            let few = step.comparison_of(ASKED..=ASKED, self.progress)?;
+            let few = step.comparison_of(ASKED..=ASKED, self.work)?;
             if confirmed(step, &few) >= alpha {
                 return Ok(few);
             }
         }
-        let comparison = step.comparison(self.progress)?;
+        let comparison = step.comparison(self.work)?;
         if confirmed(step, &comparison) < alpha {
             return Ok(comparison);
         }
         // something is there, and none of those that were predicted to gain most is it
-        step.comparison_of_all(self.progress)
+        step.comparison_of_all(self.work)
     }
 
     /// The stage where its model is likelier, where a comparison has found that; none where it has not, or there is no response.
@@ -457,7 +429,7 @@ impl<'a> ForwardSelection<'a> {
             self.rejected.push(rejected(step, number, other, reason));
         }
         let attached = &step.simulated[candidate.candidate].attached;
-        (self.progress)(&format!("accepted {}", cause.place));
+        self.work.stage(&format!("accepted {}", cause.place));
         let near = near(step, comparison, k, &begin);
         self.accepted.push(Accepted::new(attached, &candidate.fitting, cause, near));
         Ok(Some(next))

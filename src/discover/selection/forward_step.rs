@@ -7,12 +7,13 @@ use super::error::DiagnosisError;
 use super::extended_model::{SignalScales, place};
 use super::fitted_model::{FittedModel, records};
 use super::forced_tiles::all_directions;
-use super::runs::{DiagnosisOptions, Domain, GoesOn, Runs};
+use super::runs::{DiagnosisOptions, Domain, Runs};
 use crate::bins::Record;
 use crate::diagnosis::{Detectable, LeftOut, Screened};
 use crate::noise::Growth;
 use crate::screening::{Direction, Screening, ScreeningOptions};
 use fdm_effects::{Candidate, Kind};
+use fdm_estimate::Work;
 use fdm_grammar::syntax::Class;
 use fdm_system::record::Run;
 use std::sync::Arc;
@@ -30,7 +31,7 @@ pub(super) struct ForwardStep<'a> {
     pub(super) options: ScreeningOptions,
     /// How the noise of each output grows with its signal.
     pub(super) growth: Arc<[Option<Growth>]>,
-    goes_on: &'a GoesOn<'a>,
+    work: &'a Work<'a>,
     /// What the columns of the records are derivatives by: what all runs share, what belongs to each run (behind the parameters stands
     /// what belongs to a run and is none).
     pub(super) free: (Vec<usize>, Vec<usize>),
@@ -56,10 +57,10 @@ impl<'a> ForwardStep<'a> {
         runs: Runs<'a>,
         candidates: &[Candidate],
         scales: &SignalScales,
-        (options, goes_on): (&DiagnosisOptions, &'a GoesOn<'a>),
+        (options, work): (&DiagnosisOptions, &'a Work<'a>),
     ) -> Result<Self, DiagnosisError> {
         let scored: Vec<&Candidate> = candidates.iter().filter(|c| c.kind() != Kind::Variance).collect();
-        let found = all_directions(&scored, (&current, runs, scales), goes_on);
+        let found = all_directions(&scored, (&current, runs, scales), work);
         let found = found.ok_or(DiagnosisError::Stopped)?;
         let (mut simulated, mut left_out) = (Vec::new(), Vec::new());
         for (candidate, found) in scored.iter().zip(found) {
@@ -85,7 +86,7 @@ impl<'a> ForwardStep<'a> {
         }
         let screening = current.screened(&records, &directions, &options.screening)?;
         let options = options.screening;
-        Ok(Self { current, runs, simulated, left_out, owner, screening, records, options, growth, goes_on, free })
+        Ok(Self { current, runs, simulated, left_out, owner, screening, records, options, growth, work, free })
     }
 }
 
@@ -128,7 +129,7 @@ impl ForwardStep<'_> {
     /// # Errors
     /// [`DiagnosisError::Stopped`] where it may not.
     pub(super) fn may_go_on(&self) -> Result<(), DiagnosisError> {
-        if (self.goes_on)() { Ok(()) } else { Err(DiagnosisError::Stopped) }
+        if self.work.goes_on() { Ok(()) } else { Err(DiagnosisError::Stopped) }
     }
 
     /// Something of what a direction adds to each run (N by q).

@@ -33,7 +33,7 @@ use super::free_motion::{Repeated, repeated_in_the_end};
 use super::initial_fit::{Thoroughness, plain_fit};
 use super::law_curve::LawModel;
 use super::predictor::Predictor;
-use super::runs::{DiagnosisOptions, Domain, GoesOn, Runs};
+use super::runs::{DiagnosisOptions, Domain, Runs};
 use super::shortlist::likelihood_as_noise;
 use super::whitening::CommonNoise;
 use super::written_model::{WrittenModel, larger, squares, written_model};
@@ -41,6 +41,7 @@ use crate::bins::Signals;
 use crate::diagnosis::{Cause, EffectAt, FrontModel, FrontOutput, Rejected};
 use crate::disturbance::BELIEVED;
 use fdm_effects::NewParam;
+use fdm_estimate::Work;
 use fdm_estimate::residuals::{Advantage, advantage};
 use fdm_grammar::syntax::Class;
 use fdm_numeric::parallel;
@@ -71,7 +72,7 @@ pub(super) struct FrontProblem<'a> {
     pub(super) runs: Runs<'a>,
     pub(super) noise: &'a CommonNoise,
     pub(super) options: &'a DiagnosisOptions,
-    pub(super) goes_on: &'a GoesOn<'a>,
+    pub(super) work: &'a Work<'a>,
     /// All samples, where `runs` are a part of them.
     pub(super) all: Option<AllSamples<'a>>,
 }
@@ -282,7 +283,7 @@ impl FrontProblem<'_> {
     }
 
     fn written(&self, level: &Level, thoroughness: Thoroughness) -> Result<WrittenModel, String> {
-        let asked = (self.runs, self.options, self.goes_on);
+        let asked = (self.runs, self.options, self.work);
         written_model(&level.current, &level.split.theta, &self.first.response, asked, thoroughness)
     }
 
@@ -297,7 +298,7 @@ impl FrontProblem<'_> {
                     // another search has come to the same effects
                     break;
                 }
-                next = if level.accepted.len() > 1 && !level.aside && (self.goes_on)() {
+                next = if level.accepted.len() > 1 && !level.aside && self.work.goes_on() {
                     self.smaller(&level)
                 } else {
                     None
@@ -313,9 +314,9 @@ impl FrontProblem<'_> {
         let naive = self.predictions(&mut levels);
         let mut chosen = self.chosen(&levels, &naive.naive);
         // what is recommended can be fitted as it is written
-        while let Some(k) = chosen.filter(|_| *self.runs.domain == Domain::Time && (self.goes_on)()) {
+        while let Some(k) = chosen.filter(|_| *self.runs.domain == Domain::Time && self.work.goes_on()) {
             let from = levels[k].written.as_ref().map_or(Vec::new(), |written| written.fitted.theta.clone());
-            let asked = (self.runs, self.options, self.goes_on);
+            let asked = (self.runs, self.options, self.work);
             let again = written_model(&levels[k].current, &from, &self.first.response, asked, Thoroughness::Once);
             let again = again.or_else(|_| self.written(&levels[k], Thoroughness::Whole));
             levels[k].written = again;
@@ -330,7 +331,7 @@ impl FrontProblem<'_> {
         if let Some(all) = self.all.as_ref() {
             let open = levels.iter_mut().filter(|level| level.over_all.is_none());
             parallel::each(open, |level| {
-                if (self.goes_on)() {
+                if self.work.goes_on() {
                     level.over_all = level.written.as_ref().ok().map(|written| all.told_of(written));
                 }
             });
@@ -692,7 +693,7 @@ impl FrontProblem<'_> {
         if train < all {
             return Some((train..all).map(|r| self.piece(written, self.runs.all, (r, r), 0)).collect());
         }
-        if *self.runs.domain != Domain::Time || !(self.goes_on)() {
+        if *self.runs.domain != Domain::Time || !self.work.goes_on() {
             return None;
         }
         let refitted = |all: &[Run], train: usize, theta: Vec<Vec<f64>>| {
@@ -702,7 +703,7 @@ impl FrontProblem<'_> {
                 let split = split_fit(&current, runs, self.noise).ok()?;
                 return FittedModel::new(current.model.clone(), runs, split.theta).ok();
             };
-            plain_fit(&current, &theta, runs, (self.options, self.goes_on), thoroughness).ok()
+            plain_fit(&current, &theta, runs, (self.options, self.work), thoroughness).ok()
         };
         if let [run] = self.runs.all {
             let from = run.len() * 2 / 3;

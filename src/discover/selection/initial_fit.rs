@@ -4,16 +4,16 @@ use super::error::DiagnosisError;
 use super::fitted_model::{FittedModel, shared_from};
 use super::fitting::FitProblem;
 use super::predictor::{Predictor, responses};
-use super::runs::{DiagnosisOptions, Domain, GoesOn, Runs};
+use super::runs::{DiagnosisOptions, Domain, Runs};
 use super::whitening::CommonNoise;
 use crate::noise::LogSpectrum;
+use fdm_estimate::residuals::add_squares;
 use fdm_estimate::{
-    Changes, Continuation, Estimate, Fit, FitError, FitOptions, Iteration, Observer, SpectralOptions, Stop, fit,
-    fit_spectra, starts,
+    Changes, Continuation, Estimate, Fit, FitError, FitOptions, SpectralOptions, Work, fit, fit_spectra, starts,
 };
 use fdm_system::model::Model;
 use fdm_system::record::Run;
-use std::ops::{ControlFlow, Range};
+use std::ops::Range;
 
 /// Parts of the record that are fitted first where the start values lead nowhere.
 const SHARES: [f64; 2] = [0.25, 0.5];
@@ -27,27 +27,14 @@ pub(super) fn initial_fits(
     model: &Model,
     runs: Runs<'_>,
     options: &DiagnosisOptions,
-    goes_on: &GoesOn<'_>,
+    work: &Work<'_>,
 ) -> Result<Vec<FittedModel>, DiagnosisError> {
     let fits = match runs.domain {
-        Domain::Time => first_in_time(model, runs, options, goes_on)?,
-        Domain::Frequency(spectral) => vec![first_in_lines(model, runs, options, (spectral, goes_on))?],
+        Domain::Time => first_in_time(model, runs, options, work)?,
+        Domain::Frequency(spectral) => vec![first_in_lines(model, runs, options, (spectral, work))?],
     };
     // a fit that was stopped is no base
-    if goes_on() { Ok(fits) } else { Err(DiagnosisError::Stopped) }
-}
-
-/// Ends a fit where work may not go on.
-struct While<'a>(&'a GoesOn<'a>);
-
-impl Observer for While<'_> {
-    fn iteration(&mut self, _: &Iteration) -> ControlFlow<()> {
-        if (self.0)() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
-    }
-
-    fn stopped(&mut self) -> Option<Stop> {
-        if (self.0)() { None } else { Some(Stop::Interrupt) }
-    }
+    if work.goes_on() { Ok(fits) } else { Err(DiagnosisError::Stopped) }
 }
 
 /// The model at its fit to spectra. Held-out runs have values of their own only where these show them, and are fitted with their own
@@ -56,12 +43,12 @@ fn first_in_lines(
     model: &Model,
     runs: Runs<'_>,
     options: &DiagnosisOptions,
-    (spectral, goes_on): (&SpectralOptions, &GoesOn<'_>),
+    (spectral, work): (&SpectralOptions, &Work<'_>),
 ) -> Result<FittedModel, DiagnosisError> {
     let (changes, how) = (options.fit.changes.clone(), options.fit.options.clone());
     let start = starts(model, runs.all, &changes);
     let how = SpectralOptions { changes, options: how, ..spectral.clone() };
-    let fitted = fit_spectra(model, runs.train(), &how, &mut While(goes_on))?;
+    let fitted = fit_spectra(model, runs.train(), &how, &work.quiet())?;
     if let Some(why) = &fitted.unanswered {
         return Err(DiagnosisError::NoFit(why.to_string()));
     }
@@ -83,18 +70,18 @@ fn first_in_time(
     model: &Model,
     runs: Runs<'_>,
     options: &DiagnosisOptions,
-    goes_on: &GoesOn<'_>,
+    work: &Work<'_>,
 ) -> Result<Vec<FittedModel>, DiagnosisError> {
     let mut how = options.fit.clone();
     how.options.colour = false;
-    let fits = plainly(model, runs.train(), &how, goes_on)?;
+    let fits = plainly(model, runs.train(), &how, work)?;
     if fits[0].estimate.runs.is_empty() {
         return Err(DiagnosisError::NoFit(fits[0].estimate.termination.to_string()));
     }
     if let Some(fault) = fits[0].integration_faults.iter().find(|fault| fault.is_severe()) {
         return Err(DiagnosisError::NoFit(fault.to_string()));
     }
-    let mut stages = fits.iter().map(|fitted| with_validation_runs(fitted, runs, (&how, goes_on)));
+    let mut stages = fits.iter().map(|fitted| with_validation_runs(fitted, runs, (&how, work)));
     let likeliest = stages.next().into_iter().collect::<Result<Vec<FittedModel>, _>>()?;
     Ok(likeliest.into_iter().chain(stages.filter_map(Result::ok)).collect())
 }
@@ -124,13 +111,13 @@ pub(super) fn plain_fit(
     current: &FittedModel,
     theta: &[Vec<f64>],
     runs: Runs<'_>,
-    (options, goes_on): (&DiagnosisOptions, &GoesOn<'_>),
+    (options, work): (&DiagnosisOptions, &Work<'_>),
     thoroughness: Thoroughness,
 ) -> Result<FittedModel, String> {
     if thoroughness == Thoroughness::Near {
         return near_fit(current, theta, runs).ok_or_else(|| "it has no response".into());
     }
-    plain_fit_told(current, theta, runs, (options, goes_on), thoroughness).map(|(fitted, _)| fitted)
+    plain_fit_told(current, theta, runs, (options, work), thoroughness).map(|(fitted, _)| fitted)
 }
 
 /// Fits plainly as `fit` would, with what it tells of the training runs.
@@ -141,7 +128,7 @@ pub(super) fn plain_fit_told(
     current: &FittedModel,
     theta: &[Vec<f64>],
     runs: Runs<'_>,
-    (options, goes_on): (&DiagnosisOptions, &GoesOn<'_>),
+    (options, work): (&DiagnosisOptions, &Work<'_>),
     thoroughness: Thoroughness,
 ) -> Result<(FittedModel, Estimate), String> {
     let mut params = current.params().to_vec();
@@ -157,12 +144,12 @@ pub(super) fn plain_fit_told(
         how.continuation = Continuation::Never;
         how.options.iterations = how.options.iterations.min(QUICK);
     }
-    let fits = plainly(&current.model.with_params(params), runs.train(), &how, goes_on).map_err(|e| e.to_string())?;
+    let fits = plainly(&current.model.with_params(params), runs.train(), &how, work).map_err(|e| e.to_string())?;
     let best = fits.first().ok_or("it has no end")?;
     if !best.estimate.termination.is_good() {
         return Err(best.estimate.termination.to_string());
     }
-    let fitted = with_validation_runs(best, runs, (&how, goes_on)).map_err(|e| e.to_string())?;
+    let fitted = with_validation_runs(best, runs, (&how, work)).map_err(|e| e.to_string())?;
     Ok((fitted, best.estimate.clone()))
 }
 
@@ -234,14 +221,9 @@ fn by_output_error(
 fn variances(current: &FittedModel, runs: &[Run], predictors: &[Predictor], theta: &[Vec<f64>]) -> Option<Vec<f64>> {
     let q = current.outputs();
     let answers = responses(&current.model, runs, predictors, theta)?;
-    let mut sums = vec![(0.0, 0.0); q];
-    for (run, y) in runs.iter().zip(&answers) {
-        for (k, (z, y)) in run.measured.iter().zip(y).enumerate().filter(|(_, (z, _))| !z.is_nan()) {
-            sums[k % q].0 += (z - y) * (z - y);
-            sums[k % q].1 += 1.0;
-        }
-    }
-    let of = |(sum, count): (f64, f64)| if sum > 0.0 { sum / count } else { 1.0 };
+    let mut sums = vec![(0.0, 0); q];
+    runs.iter().zip(&answers).for_each(|(run, y)| add_squares(&mut sums, &run.measured, y));
+    let of = |(sum, count): (f64, usize)| if sum > 0.0 { sum / count as f64 } else { 1.0 };
     let found: Vec<f64> = sums.into_iter().map(of).collect();
     found.iter().all(|v| v.is_finite()).then_some(found)
 }
@@ -250,7 +232,7 @@ fn variances(current: &FittedModel, runs: &[Run], predictors: &[Predictor], thet
 fn with_validation_runs(
     fitted: &Fit,
     runs: Runs<'_>,
-    (how, goes_on): (&FitOptions, &GoesOn<'_>),
+    (how, work): (&FitOptions, &Work<'_>),
 ) -> Result<FittedModel, DiagnosisError> {
     let model = fitted.model.clone();
     let reached = |run: &Run, start: &[f64], estimate: &Estimate| -> Vec<f64> {
@@ -276,7 +258,7 @@ fn with_validation_runs(
         let names = shared.iter().map(|(name, _)| name.clone()).collect();
         let changes = Changes { set: shared, fix: names, free: Vec::new() };
         let validation =
-            plainly(&model, runs.validation(), &FitOptions { changes, ..how.clone() }, goes_on)?.swap_remove(0);
+            plainly(&model, runs.validation(), &FitOptions { changes, ..how.clone() }, work)?.swap_remove(0);
         for (run, start) in runs.validation().iter().zip(&start[runs.train..]) {
             let mut own = reached(run, start, &validation.estimate);
             let each = model.definition().params.iter().zip(own.iter_mut().zip(&theta[0]));
@@ -291,12 +273,11 @@ fn with_validation_runs(
 /// and the better of both is taken. A model that lacks something leaves smooth residuals, for which a fit by itself would go through all
 /// its fallback strategies; here they are what is looked for. These come last, where no way ends at a minimum that is a match: the likeliest is then
 /// the first, and minima that are less likely follow.
-fn plainly(model: &Model, runs: &[Run], how: &FitOptions, goes_on: &GoesOn<'_>) -> Result<Vec<Fit>, FitError> {
+fn plainly(model: &Model, runs: &[Run], how: &FitOptions, work: &Work<'_>) -> Result<Vec<Fit>, FitError> {
     if how.continuation != Continuation::Auto {
-        return Ok(vec![fit(model, runs, how, &mut While(goes_on))?]);
+        return Ok(vec![fit(model, runs, how, &work.quiet())?]);
     }
-    let by =
-        |continuation: Continuation| fit(model, runs, &FitOptions { continuation, ..how.clone() }, &mut While(goes_on));
+    let by = |continuation: Continuation| fit(model, runs, &FitOptions { continuation, ..how.clone() }, &work.quiet());
     let sound = |fit: &Fit| fit.estimate.termination.is_good();
     let cost = |fit: &Fit| fit.estimate.cost.unwrap_or(f64::INFINITY);
     // of a minimum where no step helps (two roots that meet) and one that is a poor match, the likelier is nearer to the truth
@@ -310,7 +291,7 @@ fn plainly(model: &Model, runs: &[Run], how: &FitOptions, goes_on: &GoesOn<'_>) 
             return Ok(fits);
         }
     }
-    match fit(model, runs, how, &mut While(goes_on)) {
+    match fit(model, runs, how, &work.quiet()) {
         Ok(found) if fits.is_empty() || cost(&found).is_finite() => fits.push(found),
         Err(why) if fits.is_empty() => return Err(why),
         _ => (),

@@ -7,11 +7,12 @@
 use super::extended_model::SignalScales;
 use super::fitted_model::{FittedModel, records, shared_from};
 use super::initial_fit::Thoroughness;
-use super::runs::{DiagnosisOptions, GoesOn, Runs};
+use super::runs::{DiagnosisOptions, Runs};
 use super::written_model::{WrittenModel, at_values, written_model};
 use crate::diagnosis::EffectAt;
 use crate::disturbance::{CurvePoint, NonlinearityCurve, PlaceKind};
 use fdm_effects::{Catalogue, Choice, NewParam, Subject};
+use fdm_estimate::Work;
 use fdm_grammar::Source;
 use fdm_system::model::Model;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
@@ -70,7 +71,7 @@ pub(super) fn law_model(
     first: &FittedModel,
     theta: &[Vec<f64>],
     law: &NonlinearityCurve,
-    (runs, options, goes_on): (Runs<'_>, &DiagnosisOptions, &GoesOn<'_>),
+    (runs, options, work): (Runs<'_>, &DiagnosisOptions, &Work<'_>),
 ) -> Result<LawModel, String> {
     let points = nodes(&law.curve.points);
     let free = Tabulated::new(first, runs, law, &points, Pinned::default())?;
@@ -86,7 +87,7 @@ pub(super) fn law_model(
     if begun > HOPELESS {
         return Err(format!("with its curve the error is {begun:.1} times as large as without"));
     }
-    let asked = (runs, options, goes_on);
+    let asked = (runs, options, work);
     let written = written_model(&current, &current.theta, &first.response, asked, Thoroughness::Once)?;
     let place =
         EffectAt { effect: "law_curve".into(), targets: vec![law.place.name.clone(), law.curve.variable.clone()] };

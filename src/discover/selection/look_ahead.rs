@@ -114,8 +114,8 @@ impl ForwardSelection<'_> {
         others.extend(can.in_sets.iter().take(BEGINNINGS).filter(|k| !others.contains(k)).copied().collect::<Vec<_>>());
         let is_mechanism = |k: &usize| comparison.models[*k].class == Class::Mechanism;
         let (mut chosen, mut mechanism) = (best, fit.iter().copied().find(is_mechanism));
-        if !others.is_empty() && self.accepted.len() + 2 <= self.options.most && (self.goes_on)() {
-            (self.progress)(&format!(
+        if !others.is_empty() && self.accepted.len() + 2 <= self.options.most && self.work.goes_on() {
+            self.work.stage(&format!(
                 "fitting sets of effects that begin with {} of them",
                 others.len() + usize::from(best.is_some())
             ));
@@ -168,7 +168,7 @@ impl ForwardSelection<'_> {
         comparison: &Comparison,
         (set, can): (&EffectSet, &Acceptable),
     ) -> Option<f64> {
-        if !(self.goes_on)() {
+        if !self.work.goes_on() {
             return None;
         }
         let (own, current) = (&comparison.models[set.model], &step.current);

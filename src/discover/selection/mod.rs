@@ -46,5 +46,5 @@ mod whitening;
 mod written_model;
 
 pub use error::DiagnosisError;
-pub use forward_selection::{diagnose, diagnose_while};
-pub use runs::{DiagnosisOptions, Domain, Progress};
+pub use forward_selection::diagnose;
+pub use runs::{DiagnosisOptions, Domain};

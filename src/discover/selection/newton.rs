@@ -240,7 +240,7 @@ fn estimate(
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use fdm_estimate::{DerivedQuantities, ProblemRun, Response};
+    use fdm_estimate::{DerivedQuantities, ProblemRun, Response, RunResponse, TimeResponse};
     use fdm_grammar::model::{Origin, Quantity};
     use fdm_system::simulate::{Block, Divergence, RowLayout, Sink};
 
@@ -283,6 +283,8 @@ mod tests {
         }
     }
 
+    impl TimeResponse for Limited {}
+
     fn param(name: &str, value: f64, (lower, upper): (f64, f64), per_run: bool) -> Param {
         let quantity = Quantity { name: name.into(), doc: String::new(), unit: None };
         Param {
@@ -314,7 +316,12 @@ mod tests {
             let measured =
                 x.iter().enumerate().map(|(i, x)| 100.0 * (Limited::at(*x, &[2.0, 0.7, c, 1.8]).0 + noise(i)));
             let measured: Vec<f64> = measured.map(|z| z / 100.0).collect();
-            ProblemRun { name: format!("run {k}"), response: Box::new(Limited { x }), measured, start: Vec::new() }
+            ProblemRun {
+                name: format!("run {k}"),
+                response: RunResponse::in_time(Limited { x }),
+                measured,
+                start: Vec::new(),
+            }
         };
         let runs = [(0, 0.5), (1, -0.25)].into_iter().map(run).collect();
         Problem::of(params, vec!["y".into()], runs, DerivedQuantities::none())

@@ -6,7 +6,8 @@ use super::whitening::{CommonNoise, WhitenedResponse, Whitener};
 use crate::bins::{MeasuredRows, Record, Signals};
 use crate::diagnosis::FrequencyDomain;
 use crate::lack_of_fit::BinnedResidual;
-use fdm_estimate::{BinResponse, ProblemRun, Response, SpectralBins};
+use fdm_estimate::residuals::residuals;
+use fdm_estimate::{BinResponse, ProblemRun, Response, RunResponse, SpectralBins};
 use fdm_grammar::model::Param;
 use fdm_system::dynamics::Dynamics;
 use fdm_system::model::Model;
@@ -75,7 +76,7 @@ impl Predictor {
 
     /// What a response leaves of that.
     pub(super) fn left_by(&self, run: &Run, response: &[f64]) -> Signals {
-        self.measured(run).iter().zip(response).map(|(z, y)| z - y).collect()
+        residuals(&self.measured(run), response)
     }
 
     /// The frequency of every row; none for samples.
@@ -221,7 +222,7 @@ impl Predictor {
                 let simulator = Simulator::new(dynamics, run, steps.clone()).ok()?;
                 let mut whitener = Whitener::new(run, dynamics.layout().outputs, noise);
                 let measured = whitener.whitened(&run.measured);
-                let response = Box::new(WhitenedResponse::new(simulator, whitener));
+                let response = RunResponse::in_time(WhitenedResponse::new(simulator, whitener));
                 Some((ProblemRun { name, response, measured, start }, None))
             }
             Self::Bins { bins, run: place } => {
@@ -233,7 +234,7 @@ impl Predictor {
                     response.weigh(weights.clone());
                     Some(response)
                 };
-                let (response, settler) = (Box::new(weighed()?), weighed()?);
+                let (response, settler) = (RunResponse::in_time(weighed()?), weighed()?);
                 Some((ProblemRun { name, response, measured, start }, Some(settler)))
             }
         }
@@ -243,7 +244,7 @@ impl Predictor {
     pub(super) fn finer(&self) -> Self {
         match self {
             Self::Steps(steps) => {
-                let enough = matches!(steps.scheme(), Scheme::Recursion { .. }) || steps.most() >= ENOUGH;
+                let enough = matches!(steps.scheme(), Scheme::ExactDiscretisation { .. }) || steps.most() >= ENOUGH;
                 Self::Steps(if enough { steps.clone() } else { steps.halved() })
             }
             bins => bins.clone(),

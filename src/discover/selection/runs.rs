@@ -400,12 +400,6 @@ impl Default for DiagnosisOptions {
     }
 }
 
-/// Hears what is being done.
-pub type Progress<'w> = dyn Fn(&str) + Sync + 'w;
-
-/// Says whether work may go on.
-pub(super) type GoesOn<'w> = dyn Fn() -> bool + Sync + 'w;
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -4,11 +4,13 @@
 use super::*;
 use crate::diagnosis::{Diagnosis, Verdict};
 use fdm_effects::Catalogue;
+use fdm_estimate::{Halt, Stop, Work};
 use fdm_grammar::Source;
 use fdm_numeric::random::Stream;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::Simulator;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// A ship's roll that is let go; the truth has the eddies of the bilge keels.
@@ -72,7 +74,7 @@ fn roll(drag: f64, begin: f64, name: &str) -> Run {
 
 fn diagnosed(text: &str, runs: &[Run], held: &[Run]) -> Diagnosis {
     let model = Model::from_text("model.fdm", text).unwrap();
-    diagnose(&model, runs, held, &catalogue(), &options(), &|_| ()).unwrap()
+    diagnose(&model, runs, held, &catalogue(), &options(), &Work::default()).unwrap()
 }
 
 #[test]
@@ -147,7 +149,7 @@ fn what_cannot_be_judged_is_said() {
     let model = Model::from_text("model.fdm", ROLL.replace("DRAG", "")).unwrap();
     let runs = [roll(0.1, 0.5, "a")];
     let asked = |runs: &[Run], held: &[Run]| {
-        diagnose(&model, runs, held, &catalogue(), &options(), &|_| ()).unwrap_err().to_string()
+        diagnose(&model, runs, held, &catalogue(), &options(), &Work::default()).unwrap_err().to_string()
     };
     let mut twin = runs[0].clone();
     twin.name = "twin".into();
@@ -164,7 +166,7 @@ fn a_mode_that_repeats_a_free_motion_is_no_mode() {
     assert!(findings.is_empty(), "{findings:?}");
     let model = Model::from_text("model.fdm", ROLL.replace("DRAG", "")).unwrap();
     let runs = [roll(0.8, 0.7, "a"), roll(0.8, 0.4, "b")];
-    let found = diagnose(&model, &runs, &[], &catalogue, &options(), &|_| ()).unwrap();
+    let found = diagnose(&model, &runs, &[], &catalogue, &options(), &Work::default()).unwrap();
     assert!(found.causes.is_empty(), "{:?}", found.causes);
     assert!(found.rejected.iter().any(|r| r.reason.contains("own motion once more")), "{:?}", found.rejected);
 }
@@ -184,7 +186,7 @@ effect lag(y: output) as sensor \"lag\" { param T = 0 in [step/4, duration/4] tr
     let of = |name: &str, phi: f64| run(&truth, name, |_| 0.0, &[("phi(0)", phi), ("p(0)", 0.1)], 0.002);
     let model = Model::from_text("model.fdm", begins(&ROLL.replace("DRAG", ""))).unwrap();
     let options = options();
-    let found = diagnose(&model, &[of("a", 0.6)], &[], &catalogue, &options, &|_| ()).unwrap();
+    let found = diagnose(&model, &[of("a", 0.6)], &[], &catalogue, &options, &Work::default()).unwrap();
     let mut named: Vec<String> = found.causes.iter().map(|c| c.place.to_string()).collect();
     named.sort();
     assert_eq!(named, ["cubic_stiffness(p, phi)", "quadratic_damping(p)"], "{found:#?}");
@@ -227,7 +229,7 @@ fn friction_has_one_sign() {
         let (catalogue, findings) = Catalogue::read(&Source::new("signed.fdm", signed.as_str()));
         assert!(findings.is_empty(), "{findings:?}");
         let runs = [roll(drag, 0.5, "a"), roll(drag, 0.3, "b")];
-        diagnose(&model, &runs, &[], &catalogue, &options(), &|_| ()).unwrap()
+        diagnose(&model, &runs, &[], &catalogue, &options(), &Work::default()).unwrap()
     };
     let named = |found: &Diagnosis| found.causes.iter().any(|c| c.place.effect == "quadratic_damping");
     let screened = |found: &Diagnosis| {
@@ -259,7 +261,7 @@ fn a_steady_offset_is_named() {
     let (catalogue, findings) = Catalogue::read(&Source::new("with.fdm", with.as_str()));
     assert!(findings.is_empty(), "{findings:?}");
     let model = Model::from_text("model.fdm", HEELED.replace("OFFSET", "")).unwrap();
-    let found = |offset: f64| diagnose(&model, &runs(offset), &[], &catalogue, &options(), &|_| ()).unwrap();
+    let found = |offset: f64| diagnose(&model, &runs(offset), &[], &catalogue, &options(), &Work::default()).unwrap();
     let offset = found(0.15);
     assert_eq!(offset.causes.first().map(|c| c.place.to_string()).as_deref(), Some("output_bias(roll)"), "{offset:#?}");
     assert!((offset.causes[0].parameters[0].value - 0.15).abs() < 0.005 && offset.family_wise_p < 1e-6);
@@ -267,7 +269,7 @@ fn a_steady_offset_is_named() {
     assert_eq!(found(0.015).verdict, Verdict::EffectFound);
     assert_eq!(found(0.0).verdict, Verdict::NoEffectFound);
     // one record of white noise is enough for less than its noise, as none of its other bins is slow
-    let alone = diagnose(&model, &runs(0.012)[..1], &[], &catalogue, &options(), &|_| ()).unwrap();
+    let alone = diagnose(&model, &runs(0.012)[..1], &[], &catalogue, &options(), &Work::default()).unwrap();
     assert_eq!(alone.causes.first().map(|c| c.place.to_string()).as_deref(), Some("output_bias(roll)"), "{alone:#?}");
     // the front tells what the written model does
     let models = &offset.front;
@@ -287,7 +289,7 @@ fn of_equal_effects_the_simplest_is_named() {
     let (catalogue, findings) = Catalogue::read(&Source::new("zone.fdm", format!("{zone}{SOME}")));
     assert!(findings.is_empty(), "{findings:?}");
     let model = Model::from_text("model.fdm", TEXT.replace("FORCE", "")).unwrap();
-    let found = diagnose(&model, &runs, &[], &catalogue, &options(), &|_| ()).unwrap();
+    let found = diagnose(&model, &runs, &[], &catalogue, &options(), &Work::default()).unwrap();
     let group: Vec<String> = found.causes[0].group.iter().map(|member| member.place.to_string()).collect();
     assert_eq!(found.causes[0].place.to_string(), "constant_force(v)", "{group:?}");
     assert!(group.iter().any(|place| place == "input_dead_zone(u)"), "{group:?}");
@@ -309,7 +311,7 @@ fn an_error_beyond_its_noise_is_never_nothing() {
             run.measured.iter_mut().enumerate().for_each(|(i, y)| *y += size * wave(i));
         }
         run.measured.iter_mut().for_each(|y| *y += offset);
-        diagnose(&model, &[run], &[], &catalogue(), &options(), &|_| ()).unwrap()
+        diagnose(&model, &[run], &[], &catalogue(), &options(), &Work::default()).unwrap()
     };
     assert_eq!(found(0.0).verdict, Verdict::NoEffectFound);
     // nothing in this catalogue is a zero: a force alone would move the gain too
@@ -328,10 +330,11 @@ fn a_search_that_is_stopped_says_so_and_keeps_what_it_has() {
     let model = Model::from_text("model.fdm", ROLL.replace("DRAG", "")).unwrap();
     let (catalogue, options) = (catalogue(), options());
     let stopped_after = |most: usize| {
-        let asked = AtomicUsize::new(0);
-        let goes_on = || asked.fetch_add(1, Ordering::Relaxed) < most;
-        let found = diagnose_while(&model, &runs, &[], &catalogue, (&options, &|_| ()), &goes_on);
-        (found, asked.into_inner())
+        let asked = Arc::new(AtomicUsize::new(0));
+        let count = Arc::clone(&asked);
+        let halt = Halt::asking(move || (count.fetch_add(1, Ordering::Relaxed) >= most).then_some(Stop::Interrupt));
+        let found = diagnose(&model, &runs, &[], &catalogue, &options, &Work::until(&halt));
+        (found, asked.load(Ordering::Relaxed))
     };
     let (whole, asked) = stopped_after(usize::MAX);
     let whole = whole.unwrap();

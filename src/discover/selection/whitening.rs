@@ -6,7 +6,7 @@
 use super::runs::interval;
 use crate::bins::{MeasuredRows, ordinal};
 use crate::noise::{Growth, LogSpectrum};
-use fdm_estimate::Response;
+use fdm_estimate::{Response, TimeResponse};
 use fdm_numeric::fourier::CosineTransform;
 use fdm_system::record::Run;
 use fdm_system::simulate::{Block, Divergence, RowLayout, Simulator, Sink};
@@ -181,6 +181,8 @@ impl Response for WhitenedResponse<'_> {
         Ok(())
     }
 }
+
+impl TimeResponse for WhitenedResponse<'_> {}
 
 /// Least width of a band in log f, and the fewest bins in it.
 const WIDTH: f64 = 0.3;

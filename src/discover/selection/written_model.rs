@@ -8,9 +8,11 @@ use super::acceptance::{at_bound, below_null};
 use super::elimination::Accepted;
 use super::fitted_model::{FittedModel, shared_from};
 use super::initial_fit::{Thoroughness, own_fit, plain_fit};
-use super::runs::{DiagnosisOptions, Domain, GoesOn, Runs};
+use super::runs::{DiagnosisOptions, Domain, Runs};
 use crate::bins::Signals;
 use fdm_effects::NewParam;
+use fdm_estimate::Work;
+use fdm_estimate::residuals::add_squares;
 use fdm_grammar::model::Origin;
 use std::ops::Range;
 
@@ -66,15 +68,15 @@ pub(super) fn written_model(
     current: &FittedModel,
     theta: &[Vec<f64>],
     naive: &[Signals],
-    (runs, options, goes_on): (Runs<'_>, &DiagnosisOptions, &GoesOn<'_>),
+    (runs, options, work): (Runs<'_>, &DiagnosisOptions, &Work<'_>),
     thoroughness: Thoroughness,
 ) -> Result<WrittenModel, String> {
     let joint = |theta: &[Vec<f64>]| at_values(current, theta, naive, runs);
     let best = match runs.domain {
         Domain::Frequency(_) => joint(theta),
-        Domain::Time => match plain_fit(current, theta, runs, (options, goes_on), thoroughness) {
+        Domain::Time => match plain_fit(current, theta, runs, (options, work), thoroughness) {
             // a search that is stopped tells what it knows
-            Err(_) if !goes_on() => joint(theta),
+            Err(_) if !work.goes_on() => joint(theta),
             Err(why) => return Err(format!("a plain fit of the written model fails: {why}")),
             Ok(plain) => {
                 let plain = at_values(current, &plain.theta, naive, runs);
@@ -139,15 +141,9 @@ pub(super) fn squares(
     runs: Runs<'_>,
     judged: Range<usize>,
 ) -> Vec<(f64, usize)> {
-    let q = fitted.outputs();
-    let mut sums = vec![(0.0, 0); q];
+    let mut sums = vec![(0.0, 0); fitted.outputs()];
     for r in judged {
-        let measured = fitted.predictors[r].measured(&runs.all[r]);
-        let cells = measured.iter().zip(&responses[r]).enumerate().filter(|(_, (z, _))| !z.is_nan());
-        for (k, (z, y)) in cells {
-            sums[k % q].0 += (z - y) * (z - y);
-            sums[k % q].1 += 1;
-        }
+        add_squares(&mut sums, &fitted.predictors[r].measured(&runs.all[r]), &responses[r]);
     }
     sums
 }

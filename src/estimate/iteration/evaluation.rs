@@ -9,8 +9,9 @@
 //! sensitivities, and is used only where full steps fail.
 
 use super::sums::{Moments, Sums};
+use crate::problem::response::RunResponse;
+use crate::problem::unknowns::Unknowns;
 use crate::problem::{Problem, ProblemRun};
-use crate::unknowns::Unknowns;
 use fdm_numeric::least_squares::AHEAD;
 use fdm_system::simulate::{Block, Divergence, Planes};
 use rayon::prelude::*;
@@ -92,7 +93,7 @@ impl<'e, 'a> Evaluator<'e, 'a> {
             let sums = Sums::new(unknowns.columns.len(), groups);
             let (theta, y, kept, moments) = (theta.clone(), vec![0.0; cells], vec![0.0; cells], Moments::new(q));
             let (measured, ahead, bend) = (&run.measured, Vec::new(), Vec::new());
-            let planar = run.response.is_planar() && !full;
+            let planar = !full && run.response.planar().is_some();
             let planes = planar.then(|| (Planes::of_samples(measured, q), measured.iter().any(|z| z.is_nan())));
             RunState { run, theta, y, kept, ahead, bend, moments, sums, planes, failure: None }
         });
@@ -122,8 +123,8 @@ impl<'e, 'a> Evaluator<'e, 'a> {
             if let Some(failure) = state.failure {
                 return Err(RunFailure { run, failure });
             }
-            if let Some(own) = state.run.response.surcharge() {
-                self.surcharge = Some(self.surcharge.unwrap_or(0.0) + own);
+            if let RunResponse::Standardised(response) = &state.run.response {
+                self.surcharge = Some(self.surcharge.unwrap_or(0.0) + response.surcharge());
             }
             for (k, total) in self.moments.iter_mut().enumerate() {
                 *total += state.moments.at(k / q, k % q);
@@ -225,8 +226,9 @@ impl RunState<'_, '_> {
         let Self { run, theta, y, moments, sums, planes, .. } = self;
         moments.begin();
         sums.begin();
-        if let Some((measured, gaps)) = planes.as_ref().filter(|_| whitener.is_none() && !sums.precise) {
-            let result = run.response.planes(theta, &unknowns.columns, &mut |mut block| {
+        let wanted = planes.as_ref().filter(|_| whitener.is_none() && !sums.precise);
+        if let Some(((measured, gaps), response)) = wanted.zip(run.response.planar()) {
+            let result = response.planes(theta, &unknowns.columns, &mut |mut block| {
                 block.copy_outputs(y);
                 let first = block.first / Planes::HALF * q * Planes::LENGTH;
                 sums.add_planes(&mut block, &measured[first..], *gaps);

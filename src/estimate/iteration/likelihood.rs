@@ -3,12 +3,10 @@
 use super::evaluation::{Evaluator, RunFailure, Want};
 use super::priors::{PriorRow, Priors};
 use super::sums::{Group, Sums};
-use crate::noise::{Likelihood, Weights};
-use crate::observer::{Observer, Stop};
-use crate::unknowns::Unknowns;
-use fdm_numeric::least_squares::{GaussNewton, Iteration, Monitor, Options as StepOptions, Problem, Space};
+use crate::problem::noise::{Likelihood, Weights};
+use crate::problem::unknowns::Unknowns;
+use fdm_numeric::least_squares::{GaussNewton, Options as StepOptions, Problem, Space};
 use fdm_numeric::quadratic::Quadratic;
-use std::ops::ControlFlow;
 
 /// Gauss-Newton steps for a likelihood.
 pub(crate) type LikelihoodSteps<'c, 'e, 'a> = GaussNewton<'e, LikelihoodCost<'c, 'e, 'a>>;
@@ -151,32 +149,6 @@ pub(crate) fn of_parameters<'c, 'e, 'a>(
     let mut steps = GaussNewton::new(cost, space(unknowns), options);
     (steps.values, steps.weights, steps.history) = (values, weights, history);
     steps
-}
-
-/// An [`Observer`] as the monitor of an iteration.
-pub(crate) struct Observed<'o, 'u> {
-    pub(crate) observer: &'o mut dyn Observer,
-    /// What the values of the iteration are of; the observer sees parameters.
-    pub(crate) unknowns: &'u Unknowns,
-}
-
-impl Monitor for Observed<'_, '_> {
-    fn iteration(
-        &mut self,
-        iteration: &Iteration,
-        values: &[f64],
-        state: Option<&dyn Fn() -> Vec<u8>>,
-    ) -> ControlFlow<()> {
-        if let Some(state) = state {
-            self.observer.state(state);
-        }
-        self.observer.values(&self.unknowns.parameters(values));
-        self.observer.iteration(iteration)
-    }
-
-    fn goes_on(&mut self) -> bool {
-        matches!(self.observer.stopped(), None | Some(Stop::Iterations))
-    }
 }
 
 /// Gathers the sums of all runs, in their order, each group times its factor, and what was known before.

@@ -2,7 +2,7 @@
 
 use super::evaluation::{Evaluator, Want};
 use crate::problem::Problem;
-use crate::unknowns::Unknowns;
+use crate::problem::unknowns::Unknowns;
 
 /// J'R^-1 J and J'R^-1 v of all runs, for known noise; the Jacobian itself is never stored.
 pub struct NormalEquations<'e, 'a> {

@@ -3,7 +3,7 @@
 
 use super::evaluation::RunFailure;
 use super::likelihood::LikelihoodSteps;
-use crate::method::Optimizer;
+use crate::problem::method::Optimizer;
 use argmin::core::{
     CostFunction, Error, Executor, Gradient, IterState, KV, Problem, Solver, State, TerminationReason,
     TerminationStatus,

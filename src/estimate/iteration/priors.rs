@@ -2,7 +2,7 @@
 //! worth one more measurement.
 
 use crate::problem::Problem;
-use crate::unknowns::Unknowns;
+use crate::problem::unknowns::Unknowns;
 use fdm_grammar::model::Prior;
 
 /// The prior of each unknown that has one (the copies of every run have it each), and of differences between unknowns.

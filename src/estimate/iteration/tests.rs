@@ -1,8 +1,8 @@
 //! Behaviour of the iteration: where it ends, what argmin begins, and interruptions.
 
 use crate::specimen::{Normal, Sample, grid, param, problem, run};
+use crate::work::checkpoint::{CheckpointWriter, EstimationStates};
 use crate::*;
-use std::ops::ControlFlow;
 
 /// y = a exp(-b x)
 const DECAY: Sample = |x, theta, y, d| {
@@ -31,9 +31,10 @@ fn every_method_ends_at_the_same_estimates_within_all_kinds_of_bounds() {
     for bounds in
         [[(-INFINITY, INFINITY), (-INFINITY, INFINITY)], [(0.0, INFINITY), (-INFINITY, 4.0)], [(0.7, 5.0), (0.0, 0.9)]]
     {
-        let corrected = estimate(&mut decay(bounds), &by(Optimizer::GaussNewton), &mut ()).expect("a possible problem");
+        let corrected =
+            estimate(&mut decay(bounds), &by(Optimizer::GaussNewton), &Work::default()).expect("a possible problem");
         for method in [Optimizer::NelderMead, Optimizer::Lbfgs] {
-            let fit = estimate(&mut decay(bounds), &by(method), &mut ()).expect("a possible problem");
+            let fit = estimate(&mut decay(bounds), &by(method), &Work::default()).expect("a possible problem");
             assert!(fit.termination.is_good(), "{method:?} {}", fit.termination);
             let after = fit.history.iter().filter(|i| i.step > 0.0).count();
             assert!(after <= 5, "{method:?} comes near: {after} corrections were left");
@@ -60,9 +61,9 @@ fn the_simplex_finds_a_jump_that_no_derivative_shows() {
         let data = run("r", grid(101, 10.0), 1, jump, &[2.0, 6.0], |k, _| 0.01 * (k as f64 * 1.7).sin());
         problem(vec![param("a", 1.0), param("b", 4.0)], vec![data])
     };
-    let corrected = estimate(&mut make(), &by(Optimizer::GaussNewton), &mut ()).expect("a possible problem");
+    let corrected = estimate(&mut make(), &by(Optimizer::GaussNewton), &Work::default()).expect("a possible problem");
     assert!((corrected.parameters[1].value - 6.0).abs() > 0.5, "{:?}", corrected.parameters[1].value);
-    let fit = estimate(&mut make(), &by(Optimizer::NelderMead), &mut ()).expect("a possible problem");
+    let fit = estimate(&mut make(), &by(Optimizer::NelderMead), &Work::default()).expect("a possible problem");
     let (a, b) = (&fit.parameters[0], &fit.parameters[1]);
     assert!((a.value - 2.0).abs() < 0.01 && (b.value - 6.0).abs() < 0.1, "{} {}", a.value, b.value);
     assert!(a.standard_error.is_some() && b.standard_error.is_none());
@@ -77,7 +78,7 @@ fn points_that_cannot_be_simulated_are_passed_by() {
     for method in [Optimizer::NelderMead, Optimizer::Lbfgs] {
         let data = run("far", grid(40, 10.0), 1, explosive, &[0.3, 0.5], |k, _| 0.01 * (k as f64).sin());
         let mut problem = problem(vec![param("a", 30.0), param("b", 0.01)], vec![data]);
-        let fit = estimate(&mut problem, &by(method), &mut ()).expect("a possible problem");
+        let fit = estimate(&mut problem, &by(method), &Work::default()).expect("a possible problem");
         assert!(fit.is_good(), "{method:?} {}", fit.termination);
         assert!((fit.parameters[0].value - 0.3).abs() < 0.01, "{method:?}");
     }
@@ -87,46 +88,41 @@ fn points_that_cannot_be_simulated_are_passed_by() {
 fn a_search_is_watched_can_be_ended_and_begins_again_with_the_same_bits() {
     let free = [(0.0, 10.0), (f64::NEG_INFINITY, f64::INFINITY)];
     for method in [Optimizer::NelderMead, Optimizer::Lbfgs] {
-        let whole = estimate(&mut decay(free), &by(method), &mut ()).expect("a possible problem");
+        let whole = estimate(&mut decay(free), &by(method), &Work::default()).expect("a possible problem");
         assert!(whole.history.windows(2).all(|w| w[1].cost <= w[0].cost + 1e-9));
         for end in [0, 1, 3, whole.iterations - 1] {
-            let mut stop = Stop { end, states: Vec::new() };
-            let part = estimate(&mut decay(free), &by(method), &mut stop).expect("a possible problem");
+            let (part, state) = interrupted(&mut decay(free), &by(method), end);
             assert_eq!((&part.termination, part.iterations), (&Termination::Interrupted, end), "{method:?}");
             assert_eq!(part.history[..], whole.history[..=end]);
-            let state = stop.states.last().map(Vec::as_slice);
-            let rest = estimate_from(&mut decay(free), &by(method), state, &mut ()).expect("a possible problem");
+            let rest = estimate_from(&mut decay(free), &by(method), state.as_deref(), &Work::default());
+            let rest = rest.expect("a possible problem");
             assert_eq!(whole, rest, "{method:?} interrupted after iteration {end}");
         }
     }
 }
 
-/// Keeps the state after iteration `end` and stops there; after the last one, when there is no such.
-#[derive(Default)]
-struct Stop {
-    end: usize,
-    states: Vec<Vec<u8>>,
-}
-
-impl Observer for Stop {
-    fn iteration(&mut self, iteration: &Iteration) -> ControlFlow<()> {
-        if iteration.number >= self.end { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-    }
-
-    fn state(&mut self, bytes: &dyn Fn() -> Vec<u8>) {
-        self.states.push(bytes());
-    }
+/// What an estimation that is interrupted after iteration `end` gives, and the state from which it goes on.
+fn interrupted(problem: &mut Problem<'_>, options: &Options, end: usize) -> (Estimate, Option<Vec<u8>>) {
+    let halt = Halt::default();
+    let ending = |iteration: &Iteration| {
+        if iteration.number >= end {
+            halt.interrupt();
+        }
+    };
+    let writer = CheckpointWriter::new(None);
+    let states = EstimationStates::new(&writer, String::new(), Vec::new()).remembering();
+    let work = Work::until(&halt).telling(&ending);
+    let part = estimate(problem, options, &work.with_states(&states)).expect("a possible problem");
+    (part, states.into_states().pop())
 }
 
 /// Interrupts after every iteration in turn; whatever goes on from there must end as if nothing had been.
 fn interrupt_everywhere(make: impl Fn() -> Problem<'static>, options: &Options) -> usize {
-    let whole = estimate(&mut make(), options, &mut ()).expect("a possible problem");
+    let whole = estimate(&mut make(), options, &Work::default()).expect("a possible problem");
     for end in 0..whole.iterations {
-        let mut stop = Stop { end, states: Vec::new() };
-        let part = estimate(&mut make(), options, &mut stop).expect("a possible problem");
-        assert_eq!((part.termination, part.iterations, stop.states.len()), (Termination::Interrupted, end, end + 1));
-        let state = stop.states.last().map(Vec::as_slice);
-        let rest = estimate_from(&mut make(), options, state, &mut ()).expect("a possible problem");
+        let (part, state) = interrupted(&mut make(), options, end);
+        assert_eq!((part.termination, part.iterations), (Termination::Interrupted, end));
+        let rest = estimate_from(&mut make(), options, state.as_deref(), &Work::default()).expect("a possible problem");
         assert_eq!(whole, rest, "interrupted after iteration {end}");
     }
     whole.iterations
@@ -177,16 +173,16 @@ fn an_ill_conditioned_one_too() {
 
 #[test]
 fn states_of_other_problems_are_refused() {
-    let mut stop = Stop::default();
-    estimate(&mut rise([20.0, 4.0]), &Options::default(), &mut stop).expect("a possible problem");
-    let state = &stop.states[0];
+    let (_, state) = interrupted(&mut rise([20.0, 4.0]), &Options::default(), 0);
+    let state = &state.expect("a state")[..];
     let mut smaller = rise([20.0, 4.0]);
     smaller.params[1].fixed = true;
     for bytes in [&state[..state.len() / 2], &[][..], &[0xff; 40][..]] {
-        let refused = estimate_from(&mut rise([20.0, 4.0]), &Options::default(), Some(bytes), &mut ());
+        let refused = estimate_from(&mut rise([20.0, 4.0]), &Options::default(), Some(bytes), &Work::default());
         assert!(matches!(refused.expect_err("damaged")[..], [ProblemError::ForeignState { .. }]));
     }
-    let refused = estimate_from(&mut smaller, &Options::default(), Some(state), &mut ()).expect_err("another problem");
+    let refused =
+        estimate_from(&mut smaller, &Options::default(), Some(state), &Work::default()).expect_err("another problem");
     assert!(refused[0].to_string().contains("another number of free parameters"), "{}", refused[0]);
 }
 
@@ -205,7 +201,7 @@ fn a_rescued_one_too() {
         Problem { affine: vec![0, 1, 2], ..problem(params, vec![data]) }
     };
     for start in [[50.0, 150.0, -100.0, 1.0, 2.0], [0.5, 1.0, -1.0, 0.05, 0.1]] {
-        let fit = estimate(&mut make(start), &Options::default(), &mut ()).expect("a possible problem");
+        let fit = estimate(&mut make(start), &Options::default(), &Work::default()).expect("a possible problem");
         assert!(fit.is_good() && !fit.fallbacks.is_empty(), "{} {:?}", fit.termination, fit.fallbacks);
         assert!((fit.parameters[3].value - 0.013).abs() < 1e-3, "{:?}", fit.parameters[3].value);
         interrupt_everywhere(|| make(start), &Options::default());
@@ -229,7 +225,8 @@ fn noise_that_is_stated_too_large_costs_no_corrections() {
             let data = run("r", grid(40, 3.0), 1, FALLING, &[2.0, 1.5, 0.1], |_, _| 1e-3 * noise.next());
             let params = ["a", "b", "c"].iter().zip(starts).map(|(n, v)| param(n, v)).collect();
             let options = Options { noise: Noise::Given(vec![Some(deviation)]), ..Options::default() };
-            let fit = estimate(&mut problem(params, vec![data]), &options, &mut ()).expect("a possible problem");
+            let fit =
+                estimate(&mut problem(params, vec![data]), &options, &Work::default()).expect("a possible problem");
             assert!(fit.termination.is_good() && (fit.parameters[1].value - 1.5).abs() < 0.02);
             fit.evaluations.0
         });
@@ -247,7 +244,7 @@ fn fits(mut judge: impl FnMut(&Estimate, &[f64])) {
         let starts = [STARTS[k % 6], STARTS[k / 6 % 6], STARTS[k / 36]];
         let mut params: Vec<_> = ["a", "b", "c"].iter().zip(starts).map(|(n, v)| param(n, v)).collect();
         params.iter_mut().for_each(|p| (p.lower, p.upper) = (0.0, 20.0));
-        let fit = estimate(&mut problem(params, vec![data]), &Options::default(), &mut ());
+        let fit = estimate(&mut problem(params, vec![data]), &Options::default(), &Work::default());
         judge(&fit.expect("a possible problem"), &measured);
     }
 }
@@ -294,9 +291,11 @@ fn by_logarithms(start: [f64; 2]) -> Problem<'static> {
 
 #[test]
 fn logarithms_lead_to_the_same_estimates_from_decades_away() {
-    let near = estimate(&mut decay([(1e-6, 1e4); 2]), &Options::default(), &mut ()).expect("a possible problem");
+    let near =
+        estimate(&mut decay([(1e-6, 1e4); 2]), &Options::default(), &Work::default()).expect("a possible problem");
     for optimizer in [Optimizer::GaussNewton, Optimizer::Lbfgs] {
-        let far = estimate(&mut by_logarithms([1e-5, 1e-5]), &by(optimizer), &mut ()).expect("a possible problem");
+        let far =
+            estimate(&mut by_logarithms([1e-5, 1e-5]), &by(optimizer), &Work::default()).expect("a possible problem");
         assert!(far.termination.is_good(), "{}", far.termination);
         for (a, b) in far.parameters.iter().zip(&near.parameters) {
             assert!((a.value / b.value - 1.0).abs() < 1e-8, "{a:?} {b:?}");
@@ -319,7 +318,7 @@ fn logarithms_lead_to_the_same_estimates_from_decades_away() {
 fn what_stands_at_a_bound_of_its_logarithm_stands_on_it_to_the_bit() {
     let mut problem = by_logarithms([0.1, 0.1]);
     problem.params[1].upper = 0.9;
-    let fit = estimate(&mut problem, &Options::default(), &mut ()).expect("a possible problem");
+    let fit = estimate(&mut problem, &Options::default(), &Work::default()).expect("a possible problem");
     assert!(fit.termination.is_good(), "{}", fit.termination);
     assert_eq!((fit.parameters[1].value, fit.parameters[1].status), (0.9, Status::AtUpperBound));
     assert_eq!(fit.parameters[0].status, Status::Estimated);
@@ -330,8 +329,8 @@ fn slopes_by_logarithms_are_those_of_differences() {
     use crate::iteration::evaluation::Evaluator;
     use crate::iteration::likelihood::LikelihoodCost;
     use crate::iteration::priors::Priors;
-    use crate::noise::Likelihood;
-    use crate::unknowns::Unknowns;
+    use crate::problem::noise::Likelihood;
+    use crate::problem::unknowns::Unknowns;
     use fdm_numeric::least_squares::{GaussNewton, Problem as _, Space};
     let mut problem = by_logarithms([0.7, 0.4]);
     problem.params[0].prior = Some(fdm_grammar::model::Prior { mean: 1.0, deviation: 0.3 });

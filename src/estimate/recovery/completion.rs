@@ -1,48 +1,39 @@
 //! What follows a fit by squares and noise of one size: the noise that the model states, or the loss that was asked for.
 
-use crate::observer::Observer;
-use crate::output_error::error::FitError;
-use crate::output_error::fit::Fit;
-use crate::output_error::noise_model::{deviations, fit_noise_model};
-use crate::output_error::options::FitOptions;
-use crate::output_error::robust::fit_robust;
-use crate::output_error::single::after;
-use crate::termination::Termination;
+use crate::methods::output_error::attempt::Attempt;
+use crate::methods::output_error::error::FitError;
+use crate::methods::output_error::fit::Fit;
+use crate::methods::output_error::noise_model::{deviations, fit_noise_model};
+use crate::methods::output_error::robust::fit_robust;
+use crate::work::termination::Termination;
 use fdm_system::model::Model;
-use fdm_system::record::Run;
 
-/// Goes on from `first`, which was fitted by squares from `starts` (all parameters of each run). Stated noise is tried from where that ended and from
-/// the starts themselves, or from `reached` alone where it has been tried from both before; `model` has the changes in `options`.
+/// Goes on from `first`, which was fitted by squares from the same starts. Stated noise is tried from where that ended and from the starts
+/// themselves, or from `reached` alone where it has been tried from both before.
 ///
 /// # Errors
 /// [`FitError`], as any fit.
-pub(crate) fn completed(
-    model: &Model,
-    runs: &[Run],
-    (starts, reached): (&[Vec<f64>], Option<&[Vec<f64>]>),
-    first: Fit,
-    options: &FitOptions,
-    observer: &mut dyn Observer,
-) -> Result<Fit, FitError> {
+pub(crate) fn completed(attempt: &Attempt<'_>, reached: Option<&[Vec<f64>]>, first: Fit) -> Result<Fit, FitError> {
+    let Attempt { model, starts, options, .. } = *attempt;
     let end = &first.estimate.termination;
     let Some(deviations) = deviations(model, &options.options.noise).filter(|_| !end.is_stopped()) else {
         // without iterations the start values are judged
         let only_judged = options.options.iterations == 0 && matches!(end, Termination::IterationLimit);
         return match options.loss.is_squares() || !end.is_good() && !only_judged {
             true => Ok(first),
-            false => fit_robust(&without_noise(model), runs, starts, first, options, observer),
+            false => fit_robust(&Attempt { model: &without_noise(model), ..*attempt }, first),
         };
     };
     let mut places: Vec<Vec<Vec<f64>>> = Vec::new();
     match reached {
         Some(reached) => places.push(reached.to_vec()),
         None => {
-            let ended = after(model, runs, &first.estimate, starts);
+            let ended = attempt.reached(&first.estimate);
             places.extend(first.estimate.cost.map(|_| ended).filter(|ended| ended != starts));
             places.push(starts.to_vec());
         }
     }
-    fit_noise_model(&without_process_noise(model), runs, &places, (first, &deviations), options, observer)
+    fit_noise_model(&Attempt { model: &without_process_noise(model), ..*attempt }, &places, (first, &deviations))
 }
 
 /// The model with the parameters of noises held: they move no response, so that squares of residuals say nothing of them.

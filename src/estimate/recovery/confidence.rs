@@ -2,15 +2,13 @@
 //! with other weights of the outputs. Parameters that settle as the record grows, and stay under other weights, deserve
 //! confidence; those that wander do not.
 
-use crate::estimate::ParameterEstimate;
-use crate::noise::Noise;
-use crate::observer::Observer;
-use crate::output_error::error::FitError;
-use crate::output_error::fit::{Fit, LengthFit, Reweighting, Variation, Weight};
-use crate::output_error::options::FitOptions;
-use crate::output_error::single::after;
+use crate::estimation::estimate::ParameterEstimate;
+use crate::methods::output_error::attempt::{Attempt, after};
+use crate::methods::output_error::error::FitError;
+use crate::methods::output_error::fit::{Fit, LengthFit, Reweighting, Variation, Weight};
+use crate::methods::output_error::options::FitOptions;
 use crate::problem::Options;
-use crate::recovery::budget::stop;
+use crate::problem::noise::Noise;
 use crate::recovery::continuation::Length;
 use crate::recovery::fallback::refit;
 use fdm_system::record::Run;
@@ -21,13 +19,8 @@ const LENGTHS: usize = 10;
 
 /// Fits a finished fit's model to shorter and shorter parts of its runs, each from the estimates of the one before; the
 /// shortest comes first in what is given back. What is too short to determine anything is left out.
-pub(crate) fn fit_shorter_records(
-    fit: &Fit,
-    runs: &[Run],
-    starts: &[Vec<f64>],
-    options: &FitOptions,
-    observer: &mut dyn Observer,
-) -> Result<Vec<LengthFit>, FitError> {
+pub(crate) fn fit_shorter_records(fit: &Fit, attempt: &Attempt<'_>) -> Result<Vec<LengthFit>, FitError> {
+    let Attempt { runs, starts, options, work, .. } = *attempt;
     let mut found = vec![LengthFit::new(runs, fit)];
     let mut starts = after(&fit.model, runs, &fit.estimate, starts);
     let inner = Options { colour: false, ..options.options.clone() };
@@ -38,8 +31,8 @@ pub(crate) fn fit_shorter_records(
         if cells <= found[0].parameters.len() {
             break;
         }
-        let shorter = refit(fit, &parts, &starts, options, observer)?;
-        if stop(&shorter.estimate.termination, observer).is_some() || shorter.estimate.cost.is_none() {
+        let shorter = refit(fit, &Attempt { runs: &parts, starts: &starts, options, ..*attempt })?;
+        if work.stop_after(&shorter.estimate.termination).is_some() || shorter.estimate.cost.is_none() {
             break;
         }
         found.push(LengthFit::new(&parts, &shorter));
@@ -102,13 +95,8 @@ fn settling(whole: &ParameterEstimate, late: &[&LengthFit]) -> LengthSensitivity
 
 /// Refits with the noise of each output halved and doubled, and each output left out. None when there is nothing to vary:
 /// the fit went wrong, or its data have no noise.
-pub(crate) fn refit_with_weights(
-    fit: &Fit,
-    runs: &[Run],
-    starts: &[Vec<f64>],
-    options: &FitOptions,
-    observer: &mut dyn Observer,
-) -> Result<Option<Reweighting>, FitError> {
+pub(crate) fn refit_with_weights(fit: &Fit, attempt: &Attempt<'_>) -> Result<Option<Reweighting>, FitError> {
+    let Attempt { runs, starts, options, .. } = *attempt;
     let Some(noise) = fit.estimate.noise.as_ref().filter(|_| fit.estimate.noise_free.is_empty()) else {
         return Ok(None);
     };
@@ -119,9 +107,10 @@ pub(crate) fn refit_with_weights(
     let deviations: Vec<Option<f64>> =
         (0..q).map(|o| Some(noise.at(o, o).sqrt()).filter(|s| *s > 0.0 && s.is_finite())).collect();
     let starts = after(&fit.model, runs, &fit.estimate, starts);
-    let mut with = |deviations: &[Option<f64>], runs: &[Run]| {
+    let with = |deviations: &[Option<f64>], runs: &[Run]| {
         let options = Options { noise: Noise::Given(deviations.to_vec()), colour: false, ..options.options.clone() };
-        refit(fit, runs, &starts, &FitOptions { options, ..FitOptions::default() }, observer)
+        let options = &FitOptions { options, ..FitOptions::default() };
+        refit(fit, &Attempt { runs, starts: &starts, options, ..*attempt })
     };
     let base = with(&deviations, runs)?;
     let known = |p: &&ParameterEstimate| p.start.is_some() && p.standard_error.is_some();
@@ -175,8 +164,8 @@ fn change(base: &ParameterEstimate, varied: &Fit) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::estimate::Status;
-    use crate::termination::{Reason, Termination};
+    use crate::estimation::estimate::Status;
+    use crate::work::termination::{Reason, Termination};
 
     fn parameter(name: &str, value: f64, error: Option<f64>) -> ParameterEstimate {
         ParameterEstimate {

@@ -4,16 +4,17 @@
 //! What a short record does not determine is pulled weakly towards the start values, so that it does not fly away
 //! before the record is long enough; the whole record is fitted without that.
 
-use crate::observer::{Observer, Stop};
-use crate::output_error::defect::trouble;
-use crate::output_error::error::FitError;
-use crate::output_error::fit::{Fit, LengthFit};
-use crate::output_error::options::{Continuation, FitOptions};
-use crate::output_error::single::{after, single_fit};
+use crate::methods::output_error::attempt::Attempt;
+use crate::methods::output_error::defect::trouble;
+use crate::methods::output_error::error::FitError;
+use crate::methods::output_error::fit::{Fit, LengthFit};
+use crate::methods::output_error::options::{Continuation, FitOptions};
+use crate::methods::output_error::single::single_fit;
 use crate::problem::Options;
-use crate::recovery::budget::{Halted, stop};
 use crate::recovery::free_response::FreeResponse;
+use crate::work::Work;
 use fdm_grammar::model::{Origin, Prior};
+use fdm_numeric::halt::Stop;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 
@@ -65,66 +66,61 @@ const TOLERANCE: f64 = 1e-4;
 
 /// Fits lengthening records.
 pub(crate) struct LengthContinuation<'a> {
-    pub(crate) model: &'a Model,
-    pub(crate) runs: &'a [Run],
-    pub(crate) options: &'a FitOptions,
+    whole: &'a Attempt<'a>,
     /// What was fitted so far.
-    pub(crate) stages: Vec<LengthFit>,
+    stages: Vec<LengthFit>,
 }
 
-impl LengthContinuation<'_> {
+impl<'a> LengthContinuation<'a> {
+    pub(crate) fn new(whole: &'a Attempt<'a>) -> Self {
+        Self { whole, stages: Vec::new() }
+    }
+
     /// Fits the given lengths one after the other, then the whole record, whatever becomes of each.
-    pub(crate) fn along(
-        &mut self,
-        lengths: &[Length],
-        starts: &[Vec<f64>],
-        observer: &mut dyn Observer,
-    ) -> Result<Fit, FitError> {
-        let mut starts = starts.to_vec();
+    pub(crate) fn along(mut self, lengths: &[Length]) -> Result<Fit, FitError> {
+        let Attempt { runs, work, .. } = *self.whole;
+        let mut starts = self.whole.starts.to_vec();
         for length in lengths {
-            let short = length.cut(self.runs);
-            if short.iter().zip(self.runs).all(|(a, b)| a.len() == b.len()) {
+            let short = length.cut(runs);
+            if short.iter().zip(runs).all(|(a, b)| a.len() == b.len()) {
                 break;
             }
-            let fit = self.short(&short, &starts, observer)?;
-            starts = after(self.model, self.runs, &fit.estimate, &starts);
-            if let Some(stop) = stop(&fit.estimate.termination, observer) {
-                return self.whole(&starts, &mut Halted(stop));
+            let fit = self.short(&short, &starts)?;
+            starts = self.reached(&fit, &starts);
+            if let Some(stop) = work.stop_after(&fit.estimate.termination) {
+                return self.whole_from(&starts, &Work::ended(stop));
             }
         }
-        self.whole(&starts, observer)
+        self.whole_from(&starts, work)
     }
 
     /// Finds the lengths: begins with the shortest record that determines anything, goes on by a factor that shrinks when
     /// the next record is too long for the values of the one before. None when there is no way on.
-    pub(crate) fn adaptive(
-        &mut self,
-        starts: &[Vec<f64>],
-        observer: &mut dyn Observer,
-    ) -> Result<Option<Fit>, FitError> {
-        let (mut starts, mut growth, mut matched) = (starts.to_vec(), GROWTH, false);
+    pub(crate) fn adaptive(mut self) -> Result<Option<Fit>, FitError> {
+        let Attempt { runs, work, .. } = *self.whole;
+        let (mut starts, mut growth, mut matched) = (self.whole.starts.to_vec(), GROWTH, false);
         let (mut reached, mut next) = (0.0, self.shortest());
         if next <= 0.0 {
             // nothing is free: no length helps, and nothing times a growth stays nothing
             return Ok(None);
         }
         while next < 1.0 {
-            let fit = self.short(&Length::Share(next).cut(self.runs), &starts, observer)?;
-            if let Some(stop) = stop(&fit.estimate.termination, observer) {
+            let fit = self.short(&Length::Share(next).cut(runs), &starts)?;
+            if let Some(stop) = work.stop_after(&fit.estimate.termination) {
                 // how it fits the short record says nothing about the whole one
-                let reached = after(self.model, self.runs, &fit.estimate, &starts);
-                return self.whole(&reached, &mut Halted(stop)).map(Some);
+                let reached = self.reached(&fit, &starts);
+                return self.whole_from(&reached, &Work::ended(stop)).map(Some);
             }
             let poor = trouble(&fit.estimate).is_some_and(|t| t.is_severe());
             if !poor && let Some(found) = self.unstable(&fit, &starts, next) {
-                let reached = after(self.model, self.runs, &fit.estimate, &starts);
-                let mut fit = self.whole(&reached, &mut Halted(Stop::Iterations))?;
+                let reached = self.reached(&fit, &starts);
+                let mut fit = self.whole_from(&reached, &Work::ended(Stop::Iterations))?;
                 fit.estimate.termination = found.termination();
                 return Ok(Some(fit));
             }
             // a very short record may be noise only, which no model matches; one that was matched once stays so
             if fit.estimate.cost.is_some() && !(poor && matched) {
-                starts = after(self.model, self.runs, &fit.estimate, &starts);
+                starts = self.reached(&fit, &starts);
                 (reached, growth, matched) = (next, growth.max(GROWTH.sqrt()), matched || !poor);
             } else if reached > 0.0 {
                 growth = growth.sqrt();
@@ -139,57 +135,58 @@ impl LengthContinuation<'_> {
             }
             next = reached * growth;
         }
-        self.whole(&starts, observer).map(Some)
+        self.whole_from(&starts, work).map(Some)
     }
 
     /// The mode by which the response is surely lost over the whole record, at the estimates of this share of it.
     fn unstable(&self, fit: &Fit, starts: &[Vec<f64>], share: f64) -> Option<FreeResponse> {
-        let theta = after(self.model, self.runs, &fit.estimate, starts);
-        let found = FreeResponse::of(self.model, self.runs, &fit.estimate, theta.first()?)?;
-        found.is_surely_lost(self.runs, share).then_some(found)
+        let Attempt { model, runs, .. } = *self.whole;
+        let found = FreeResponse::of(model, runs, &fit.estimate, self.reached(fit, starts).first()?)?;
+        found.is_surely_lost(runs, share).then_some(found)
     }
 
     /// The share of the record that has some cells for each unknown, and two samples at least.
     fn shortest(&self) -> f64 {
+        let Attempt { model, runs, .. } = *self.whole;
         let unknowns = |runs: usize| {
-            let params = self.model.definition().params.iter().filter(|p| !p.fixed);
+            let params = model.definition().params.iter().filter(|p| !p.fixed);
             params.map(|p| if p.per_run { runs } else { 1 }).sum::<usize>()
         };
-        let cells: usize = self.runs.iter().flat_map(|r| &r.measured).filter(|z| !z.is_nan()).count();
-        let longest = self.runs.iter().map(Run::len).max().unwrap_or(0);
-        let enough = (CELLS * unknowns(self.runs.len())) as f64 / cells.max(1) as f64;
+        let cells: usize = runs.iter().flat_map(|r| &r.measured).filter(|z| !z.is_nan()).count();
+        let longest = runs.iter().map(Run::len).max().unwrap_or(0);
+        let enough = (CELLS * unknowns(runs.len())) as f64 / cells.max(1) as f64;
         enough.max(2.0 / longest.max(2) as f64)
     }
 
     /// Whether nothing shorter than this share is left.
     fn is_shortest(&self, share: f64) -> bool {
-        Length::Share(share).cut(self.runs).iter().all(|run| run.len() <= 2)
+        Length::Share(share).cut(self.whole.runs).iter().all(|run| run.len() <= 2)
     }
 
     /// Fits a record that is not the whole one, weakly pulled towards its start values.
-    fn short(&mut self, runs: &[Run], starts: &[Vec<f64>], observer: &mut dyn Observer) -> Result<Fit, FitError> {
-        let model = pulled(self.model, starts);
-        let given = &self.options.options;
+    fn short(&mut self, runs: &[Run], starts: &[Vec<f64>]) -> Result<Fit, FitError> {
+        let model = pulled(self.whole.model, starts);
+        let given = &self.whole.options.options;
         let options = Options {
             tolerance: TOLERANCE.max(given.tolerance),
             iterations: ITERATIONS.min(given.iterations),
             colour: false,
             ..given.clone()
         };
-        let options = FitOptions { options, ..self.options.clone() };
-        let fit = single_fit(&model, runs, starts, &options, observer)?;
+        let options = FitOptions { options, ..self.whole.options.clone() };
+        let fit = single_fit(&Attempt { model: &model, runs, starts, options: &options, work: self.whole.work })?;
         self.stages.push(LengthFit::new(runs, &fit));
         Ok(fit)
     }
 
-    fn whole(&mut self, starts: &[Vec<f64>], observer: &mut dyn Observer) -> Result<Fit, FitError> {
-        let fit = single_fit(self.model, self.runs, starts, self.options, observer)?;
-        self.stages.push(LengthFit::new(self.runs, &fit));
-        Ok(self.finish(fit))
+    fn whole_from(mut self, starts: &[Vec<f64>], work: &Work<'_>) -> Result<Fit, FitError> {
+        let fit = single_fit(&Attempt { starts, work, ..*self.whole })?;
+        self.stages.push(LengthFit::new(self.whole.runs, &fit));
+        Ok(Fit { by_length: self.stages, ..fit })
     }
 
-    fn finish(&mut self, fit: Fit) -> Fit {
-        Fit { by_length: std::mem::take(&mut self.stages), ..fit }
+    fn reached(&self, fit: &Fit, starts: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        Attempt { starts, ..*self.whole }.reached(&fit.estimate)
     }
 }
 

@@ -3,66 +3,53 @@
 //! The strategies are record-length continuation, substitution of measured states, and multiple shooting; one that was asked
 //! for is followed without being judged.
 
-use crate::observer::Observer;
-use crate::output_error::defect::{FitDefect, trouble};
-use crate::output_error::error::FitError;
-use crate::output_error::fit::{Fit, Recovery, RecoveryStrategy};
-use crate::output_error::options::{Continuation, FitOptions, Shooting};
-use crate::output_error::single::single_fit;
-use crate::recovery::budget::{Halted, stop};
+use crate::methods::output_error::attempt::Attempt;
+use crate::methods::output_error::defect::{FitDefect, trouble};
+use crate::methods::output_error::error::FitError;
+use crate::methods::output_error::fit::{Fit, Recovery, RecoveryStrategy};
+use crate::methods::output_error::options::{Continuation, Shooting};
+use crate::methods::output_error::single::single_fit;
 use crate::recovery::continuation::{Length, LengthContinuation};
 use crate::recovery::free_response::FreeResponse;
 use crate::recovery::shooting::shoot;
 use crate::recovery::substitution::Substitution;
 use crate::residuals::{InputCorrelation, OutputQuality, run_quality};
-use crate::termination::Termination;
+use crate::work::Work;
+use crate::work::termination::Termination;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 
-/// Estimates from `starts` (all parameters of each run, see [`starts`](crate::starts)); `model` has the changes in
-/// `options` already.
+/// Estimates from the start values, by the strategies that were asked for or that trouble calls for.
 ///
 /// # Errors
 /// [`FitError`]; an attempt that ran and went wrong is a [`Fit`] whose estimate says so.
-pub(crate) fn attempt(
-    model: &Model,
-    runs: &[Run],
-    starts: &[Vec<f64>],
-    options: &FitOptions,
-    observer: &mut dyn Observer,
-) -> Result<Fit, FitError> {
+pub(crate) fn attempt(attempt: &Attempt<'_>) -> Result<Fit, FitError> {
+    let Attempt { model, runs, starts, options, work } = *attempt;
     let unasked = options.shooting.is_none() && options.substitute.is_empty();
     if unasked
         && options.continuation == Continuation::Auto
         && let Some(lost) = FreeResponse::at_start(model, runs, starts).filter(|found| found.is_lost(runs, None))
-        && let Some(fit) = from_short_records(model, runs, starts, options, &lost, observer)?
+        && let Some(fit) = from_short_records(attempt, &lost)?
     {
         return Ok(fit);
     }
-    let fit = as_asked(model, runs, starts, options, observer)?;
+    let fit = as_asked(attempt)?;
     let found = trouble(&fit.estimate).filter(|_| options.continuation == Continuation::Auto);
     let found =
         found.filter(|found| !(matches!(found, FitDefect::PoorMatch { .. }) && leaves_noise(model, runs, &fit)));
-    match found.filter(|_| observer.stopped().is_none()) {
-        Some(trouble) => fallback(model, runs, starts, options, (fit, trouble), observer),
+    match found.filter(|_| work.goes_on()) {
+        Some(trouble) => fallback(attempt, (fit, trouble)),
         None => Ok(fit),
     }
 }
 
 /// Lengthening records where the whole one cannot be followed from the start values. None where no estimate comes of it that is sound, or shows
 /// why there is none.
-fn from_short_records(
-    model: &Model,
-    runs: &[Run],
-    starts: &[Vec<f64>],
-    options: &FitOptions,
-    lost: &FreeResponse,
-    observer: &mut dyn Observer,
-) -> Result<Option<Fit>, FitError> {
+fn from_short_records(attempt: &Attempt<'_>, lost: &FreeResponse) -> Result<Option<Fit>, FitError> {
     let found = FitDefect::Unstable { growth: lost.growth() };
-    let Some((remedy, fit)) = by_continuation(model, runs, starts, options, observer)? else { return Ok(None) };
+    let Some((remedy, fit)) = by_continuation(attempt)? else { return Ok(None) };
     if is_unstable(&fit) {
-        return held_in_place(model, runs, starts, options, (fit, found, vec![remedy]), observer).map(Some);
+        return held_in_place(attempt, (fit, found, vec![remedy])).map(Some);
     }
     let sound = trouble(&fit.estimate).is_none();
     Ok(sound.then(|| Fit { fallback: Some(Recovery { trouble: found, failed: Vec::new(), by: Some(remedy) }), ..fit }))
@@ -75,14 +62,10 @@ fn is_unstable(fit: &Fit) -> bool {
 /// The end of a fit whose response is surely lost over the whole record, after some failed strategies: segments hold it in place where the model
 /// can be cut.
 fn held_in_place(
-    model: &Model,
-    runs: &[Run],
-    starts: &[Vec<f64>],
-    options: &FitOptions,
+    attempt: &Attempt<'_>,
     (fit, found, mut failed): (Fit, FitDefect, Vec<RecoveryStrategy>),
-    observer: &mut dyn Observer,
 ) -> Result<Fit, FitError> {
-    if let Some((remedy, cut)) = by_shooting(model, runs, starts, options, observer)? {
+    if let Some((remedy, cut)) = by_shooting(attempt)? {
         if trouble(&cut.estimate).is_none() {
             return Ok(Fit { fallback: Some(Recovery { trouble: found, failed, by: Some(remedy) }), ..cut });
         }
@@ -109,58 +92,39 @@ fn leaves_noise(model: &Model, runs: &[Run], fit: &Fit) -> bool {
 }
 
 /// By the strategies that were asked for, plainly when there are none.
-fn as_asked(
-    model: &Model,
-    runs: &[Run],
-    starts: &[Vec<f64>],
-    options: &FitOptions,
-    observer: &mut dyn Observer,
-) -> Result<Fit, FitError> {
-    if options.substitute.is_empty() {
-        return from_here(model, runs, starts, options, observer);
+fn as_asked(attempt: &Attempt<'_>) -> Result<Fit, FitError> {
+    if attempt.options.substitute.is_empty() {
+        return from_here(attempt);
     }
-    let substitution = Substitution::new(model, runs, &options.substitute).map_err(FitError::Strategy)?;
-    let (first, starts) = substitution.first_fit(starts, options, observer)?;
-    let fit = match stop(&first.estimate.termination, observer) {
-        Some(stop) => single_fit(model, runs, &starts, options, &mut Halted(stop))?,
-        None => from_here(model, runs, &starts, options, observer)?,
+    let substitution =
+        Substitution::new(attempt.model, attempt.runs, &attempt.options.substitute).map_err(FitError::Strategy)?;
+    let (first, starts) = substitution.first_fit(attempt)?;
+    let full = Attempt { starts: &starts, ..*attempt };
+    let fit = match attempt.work.stop_after(&first.estimate.termination) {
+        Some(stop) => single_fit(&Attempt { work: &Work::ended(stop), ..full })?,
+        None => from_here(&full)?,
     };
     Ok(Fit { substituted: substitution.states, ..fit })
 }
 
 /// The full model by shooting, by lengthening the record, or plainly.
-fn from_here(
-    model: &Model,
-    runs: &[Run],
-    starts: &[Vec<f64>],
-    options: &FitOptions,
-    observer: &mut dyn Observer,
-) -> Result<Fit, FitError> {
-    if let Some(shooting) = options.shooting {
-        return shoot(model, runs, starts, (shooting, options), observer);
+fn from_here(attempt: &Attempt<'_>) -> Result<Fit, FitError> {
+    if let Some(shooting) = attempt.options.shooting {
+        return shoot(attempt, shooting);
     }
-    match options.continuation.lengths() {
-        Some(lengths) => {
-            LengthContinuation { model, runs, options, stages: Vec::new() }.along(&lengths, starts, observer)
-        }
-        None => single_fit(model, runs, starts, options, observer),
+    match attempt.options.continuation.lengths() {
+        Some(lengths) => LengthContinuation::new(attempt).along(&lengths),
+        None => single_fit(attempt),
     }
 }
 
 /// The model of a finished fit once more, to other runs or with other weights, from values near its estimates: in segments
 /// when there was no other way, else plainly.
-pub(crate) fn refit(
-    fit: &Fit,
-    runs: &[Run],
-    starts: &[Vec<f64>],
-    options: &FitOptions,
-    observer: &mut dyn Observer,
-) -> Result<Fit, FitError> {
+pub(crate) fn refit(fit: &Fit, attempt: &Attempt<'_>) -> Result<Fit, FitError> {
+    let attempt = &Attempt { model: &fit.model, ..*attempt };
     match &fit.shooting {
-        Some(cut) if !cut.polished => {
-            shoot(&fit.model, runs, starts, (Shooting::Segments(cut.segments), options), observer)
-        }
-        _ => single_fit(&fit.model, runs, starts, options, observer),
+        Some(cut) if !cut.polished => shoot(attempt, Shooting::Segments(cut.segments)),
+        _ => single_fit(attempt),
     }
 }
 
@@ -173,24 +137,17 @@ const SAME: f64 = 0.01;
 ///
 /// Smooth residuals alone are no proof of a wrong minimum, slow noise leaves them too: a minimum to which a second way from
 /// the same start leads as well is taken for the right one.
-pub(crate) fn fallback(
-    model: &Model,
-    runs: &[Run],
-    starts: &[Vec<f64>],
-    options: &FitOptions,
-    (plain, found): (Fit, FitDefect),
-    observer: &mut dyn Observer,
-) -> Result<Fit, FitError> {
+pub(crate) fn fallback(attempt: &Attempt<'_>, (plain, found): (Fit, FitDefect)) -> Result<Fit, FitError> {
     let doubtful = matches!(found, FitDefect::SmoothResiduals { .. });
     let (mut best, mut by, mut tried) = (plain, None, Vec::new());
     // a second opinion is cheaper than a fallback strategy
     let ways: &[Try] = &[by_second_opinion, by_continuation, by_substitution, by_shooting];
     let mut ended = None;
     for way in &ways[usize::from(!doubtful)..] {
-        let tried_now = way(model, runs, starts, options, observer)?;
+        let tried_now = way(attempt)?;
         ended = match &tried_now {
-            Some((_, fit)) => stop(&fit.estimate.termination, observer),
-            None => observer.stopped(),
+            Some((_, fit)) => attempt.work.stop_after(&fit.estimate.termination),
+            None => attempt.work.stopped(),
         };
         let Some((remedy, fit)) = tried_now else {
             if ended.is_some() {
@@ -200,7 +157,7 @@ pub(crate) fn fallback(
         };
         if is_unstable(&fit) {
             tried.push(remedy);
-            return held_in_place(model, runs, starts, options, (fit, found, tried), observer);
+            return held_in_place(attempt, (fit, found, tried));
         }
         let left = trouble(&fit.estimate);
         let confirmed = matches!(left, Some(FitDefect::SmoothResiduals { .. })) && agree(&fit, &best);
@@ -234,56 +191,31 @@ fn agree(a: &Fit, b: &Fit) -> bool {
 }
 
 type Way = Option<(RecoveryStrategy, Fit)>;
-type Try = fn(&Model, &[Run], &[Vec<f64>], &FitOptions, &mut dyn Observer) -> Result<Way, FitError>;
+type Try = fn(&Attempt<'_>) -> Result<Way, FitError>;
 
-fn by_second_opinion(
-    model: &Model,
-    runs: &[Run],
-    starts: &[Vec<f64>],
-    options: &FitOptions,
-    observer: &mut dyn Observer,
-) -> Result<Way, FitError> {
-    let mut lengthening = LengthContinuation { model, runs, options, stages: Vec::new() };
-    let fit = lengthening.along(&OPINION.map(Length::Share), starts, observer)?;
+fn by_second_opinion(attempt: &Attempt<'_>) -> Result<Way, FitError> {
+    let fit = LengthContinuation::new(attempt).along(&OPINION.map(Length::Share))?;
     Ok(Some((RecoveryStrategy::Continuation, fit)))
 }
 
-fn by_continuation(
-    model: &Model,
-    runs: &[Run],
-    starts: &[Vec<f64>],
-    options: &FitOptions,
-    observer: &mut dyn Observer,
-) -> Result<Way, FitError> {
-    let mut lengthening = LengthContinuation { model, runs, options, stages: Vec::new() };
-    Ok(lengthening.adaptive(starts, observer)?.map(|fit| (RecoveryStrategy::Continuation, fit)))
+fn by_continuation(attempt: &Attempt<'_>) -> Result<Way, FitError> {
+    Ok(LengthContinuation::new(attempt).adaptive()?.map(|fit| (RecoveryStrategy::Continuation, fit)))
 }
 
-fn by_substitution(
-    model: &Model,
-    runs: &[Run],
-    starts: &[Vec<f64>],
-    options: &FitOptions,
-    observer: &mut dyn Observer,
-) -> Result<Way, FitError> {
-    let Some(substitution) = Substitution::all(model, runs) else { return Ok(None) };
-    let (first, starts) = substitution.first_fit(starts, options, observer)?;
-    let fit = match stop(&first.estimate.termination, observer) {
-        Some(stop) => single_fit(model, runs, &starts, options, &mut Halted(stop))?,
-        None => single_fit(model, runs, &starts, options, observer)?,
+fn by_substitution(attempt: &Attempt<'_>) -> Result<Way, FitError> {
+    let Some(substitution) = Substitution::all(attempt.model, attempt.runs) else { return Ok(None) };
+    let (first, starts) = substitution.first_fit(attempt)?;
+    let full = Attempt { starts: &starts, ..*attempt };
+    let fit = match attempt.work.stop_after(&first.estimate.termination) {
+        Some(stop) => single_fit(&Attempt { work: &Work::ended(stop), ..full })?,
+        None => single_fit(&full)?,
     };
     Ok(Some((RecoveryStrategy::Substitution { states: substitution.states }, fit)))
 }
 
-fn by_shooting(
-    model: &Model,
-    runs: &[Run],
-    starts: &[Vec<f64>],
-    options: &FitOptions,
-    observer: &mut dyn Observer,
-) -> Result<Way, FitError> {
-    let Some(segments) = fitting(model, runs) else { return Ok(None) };
-    let fit = shoot(model, runs, starts, (Shooting::Segments(segments), options), observer)?;
+fn by_shooting(attempt: &Attempt<'_>) -> Result<Way, FitError> {
+    let Some(segments) = fitting(attempt.model, attempt.runs) else { return Ok(None) };
+    let fit = shoot(attempt, Shooting::Segments(segments))?;
     let segments = fit.shooting.as_ref().map_or(segments, |s| s.segments);
     Ok(Some((RecoveryStrategy::Shooting { segments }, fit)))
 }

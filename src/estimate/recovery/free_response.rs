@@ -1,8 +1,8 @@
 //! Free responses that grow beyond all that a fit of them could hold on to: an unstable plant that something outside the model keeps in place.
 
-use crate::estimate::Estimate;
+use crate::estimation::estimate::Estimate;
 use crate::recovery::continuation::Length;
-use crate::termination::Termination;
+use crate::work::termination::Termination;
 use fdm_system::linear::{LinearModel, Mode, Modes, Recorded, Values};
 use fdm_system::model::Model;
 use fdm_system::record::Run;

@@ -5,18 +5,16 @@
 //! output is lowered by decades, which is a walk along the profile of the likelihood, and the noise is set free again where the walk has led. What is found
 //! there counts where it is likelier.
 
-use crate::degenerate::Degeneracy;
-use crate::estimate::{Estimate, Status};
-use crate::noise::Noise;
-use crate::observer::{Observer, Quiet};
-use crate::output_error::error::FitError;
-use crate::output_error::fit::Fit;
-use crate::output_error::options::{FitOptions, SharedSteps};
-use crate::output_error::single::{after, single_fit};
+use crate::estimation::estimate::{Estimate, Status};
+use crate::methods::output_error::attempt::Attempt;
+use crate::methods::output_error::error::FitError;
+use crate::methods::output_error::fit::Fit;
+use crate::methods::output_error::options::{FitOptions, SharedSteps};
+use crate::methods::output_error::single::single_fit;
 use crate::problem::Options;
+use crate::problem::degenerate::Degeneracy;
+use crate::problem::noise::Noise;
 use crate::recovery::multi_start::is_likelier;
-use fdm_system::model::Model;
-use fdm_system::record::Run;
 
 /// Decades of a deviation. Each gains 2.3 of the logarithm of the likelihood for every sample that is met (ln 10), so that three tell which way the profile
 /// goes, and are far from rounding.
@@ -26,26 +24,21 @@ const DECADES: i32 = 3;
 ///
 /// # Errors
 /// [`FitError`], as any fit.
-pub(crate) fn unless_interpolable(
-    fit: Fit,
-    runs: &[Run],
-    starts: &[Vec<f64>],
-    options: &FitOptions,
-    observer: &mut dyn Observer,
-) -> Result<Fit, FitError> {
-    let outputs = interpolable(&fit, options);
+pub(crate) fn unless_interpolable(fit: Fit, attempt: &Attempt<'_>) -> Result<Fit, FitError> {
+    let attempt = &Attempt { model: &fit.model, ..*attempt };
+    let outputs = interpolable(&fit, attempt.options);
     let Some(cost) = fit.estimate.cost.filter(|_| !outputs.is_empty()) else { return Ok(fit) };
-    observer.doing("looking for outputs that the model can pass through");
-    let walk = Walk::new(&fit, runs, starts, options);
+    attempt.work.doing("looking for outputs that the model can pass through");
+    let walk = Walk::new(&fit, attempt);
     let mut best: Option<(usize, Fit)> = None;
     for output in outputs {
         let least = best.as_ref().and_then(|(_, found)| found.estimate.cost).unwrap_or(cost);
-        best = walk.along(output, least, observer)?.map(|found| (output, found)).or(best);
+        best = walk.along(output, least)?.map(|found| (output, found)).or(best);
     }
     let Some((output, found)) = best else { return Ok(fit) };
     if has_maximum(&found.estimate) {
-        let from = after(&fit.model, runs, &found.estimate, starts);
-        let better = single_fit(&fit.model, runs, &from, options, observer)?;
+        let from = attempt.reached(&found.estimate);
+        let better = single_fit(&Attempt { starts: &from, ..*attempt })?;
         if better.is_better_than(&fit) {
             return Ok(Fit { fallback: fit.fallback, substituted: fit.substituted, ..better });
         }
@@ -105,36 +98,35 @@ fn deviation(estimate: &Estimate, output: usize, q: usize) -> f64 {
 /// Fits along the profile of an output's deviation.
 struct Walk<'w> {
     fit: &'w Fit,
-    model: &'w Model,
-    runs: &'w [Run],
-    begin: Vec<Vec<f64>>,
+    attempt: &'w Attempt<'w>,
     options: FitOptions,
 }
 
 impl<'w> Walk<'w> {
-    fn new(fit: &'w Fit, runs: &'w [Run], starts: &[Vec<f64>], options: &FitOptions) -> Self {
+    fn new(fit: &'w Fit, attempt: &'w Attempt<'w>) -> Self {
+        let options = attempt.options;
         let inner = Options { colour: false, ..options.options.clone() };
         let shared_steps = SharedSteps::of(fit.integration.clone()).provisional();
         let options = FitOptions { options: inner, shared_steps, bare: true, ..options.clone() };
-        Self { fit, model: &fit.model, runs, begin: after(&fit.model, runs, &fit.estimate, starts), options }
+        Self { fit, attempt, options }
     }
 
     /// The likeliest fit with free noise that is likelier than `least` says, from places that this output determines; none where there is none.
-    fn along(&self, output: usize, least: f64, observer: &mut dyn Observer) -> Result<Option<Fit>, FitError> {
-        let q = self.model.layout().outputs;
-        let (mut from, mut least, mut best) = (self.begin.clone(), least, None);
+    fn along(&self, output: usize, least: f64) -> Result<Option<Fit>, FitError> {
+        let q = self.fit.model.layout().outputs;
+        let (mut from, mut least, mut best) = (self.attempt.reached(&self.fit.estimate), least, None);
         let mut deviation_now = deviation(&self.fit.estimate, output, q);
         for _ in 0..DECADES {
             deviation_now /= 10.0;
-            if observer.stopped().is_some() || deviation_now <= 0.0 {
+            if !self.attempt.work.goes_on() || deviation_now <= 0.0 {
                 break;
             }
-            let held = self.fitted(&from, Some((output, deviation_now)), observer)?;
+            let held = self.fitted(&from, Some((output, deviation_now)))?;
             if held.estimate.cost.is_none() {
                 break;
             }
-            from = after(self.model, self.runs, &held.estimate, &from);
-            let free = self.fitted(&from, None, observer)?;
+            from = Attempt { starts: &from, ..*self.attempt }.reached(&held.estimate);
+            let free = self.fitted(&from, None)?;
             if let Some(cost) = free.estimate.cost.filter(|cost| is_likelier(*cost, least)) {
                 (least, best) = (cost, Some(free));
             }
@@ -147,21 +139,17 @@ impl<'w> Walk<'w> {
     }
 
     /// A fit with the deviation of one output held, or with the noise that was asked for.
-    fn fitted(
-        &self,
-        from: &[Vec<f64>],
-        held: Option<(usize, f64)>,
-        observer: &mut dyn Observer,
-    ) -> Result<Fit, FitError> {
+    fn fitted(&self, from: &[Vec<f64>], held: Option<(usize, f64)>) -> Result<Fit, FitError> {
         let mut options = self.options.clone();
         if let Some((output, deviation)) = held {
             let mut given = match &options.options.noise {
                 Noise::Given(given) => given.clone(),
-                _ => vec![None; self.model.layout().outputs],
+                _ => vec![None; self.fit.model.layout().outputs],
             };
             given[output] = Some(deviation);
             options.options.noise = Noise::Given(given);
         }
-        single_fit(self.model, self.runs, from, &options, &mut Quiet(observer))
+        let work = &self.attempt.work.quiet();
+        single_fit(&Attempt { starts: from, options: &options, work, ..*self.attempt })
     }
 }

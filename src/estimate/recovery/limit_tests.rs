@@ -1,13 +1,16 @@
 //! Limits bind every estimation that a fit makes, and what was reached by then is whole.
 
-use crate::observer::{Iteration, Observer, Stop};
-use crate::output_error::options::{Continuation, FitOptions, MultiStart};
+use crate::methods::output_error::options::{Continuation, FitOptions, MultiStart};
+use crate::methods::time_domain::fit;
 use crate::problem::Options;
-use crate::termination::Termination;
-use crate::time_domain::fit;
+use crate::work::termination::Termination;
+use crate::work::{Observer, Work};
+use fdm_numeric::halt::{Halt, Stop};
+use fdm_numeric::least_squares::Iteration;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
-use std::ops::ControlFlow;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Begins so far off that every fallback strategy has its turn.
 const TEXT: &str = "model m { input u; state x = 0; state v = 0; param w = 3; \
@@ -32,38 +35,46 @@ fn run() -> Run {
     }
 }
 
-/// Counts, and ends the work where it is told to.
+/// Counts.
 #[derive(Default)]
 struct Counting {
-    estimations: usize,
-    iterations: usize,
-    most: Option<(usize, Stop)>,
+    estimations: AtomicUsize,
+    iterations: Arc<AtomicUsize>,
+}
+
+impl Counting {
+    fn counts(&self) -> (usize, usize) {
+        (self.estimations.load(Ordering::Relaxed), self.iterations.load(Ordering::Relaxed))
+    }
+
+    /// A halt for the time when so many iterations have been counted.
+    fn after(&self, most: usize) -> Halt {
+        let iterations = Arc::clone(&self.iterations);
+        Halt::asking(move || (iterations.load(Ordering::Relaxed) >= most).then_some(Stop::TimeLimit))
+    }
 }
 
 impl Observer for Counting {
-    fn iteration(&mut self, iteration: &Iteration) -> ControlFlow<()> {
-        self.estimations += usize::from(iteration.number == 0);
-        self.iterations += usize::from(iteration.number > 0);
-        if self.stopped().is_some() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-    }
-
-    fn stopped(&mut self) -> Option<Stop> {
-        self.most.filter(|(most, _)| self.iterations >= *most).map(|(_, stop)| stop)
+    fn iteration(&self, iteration: &Iteration) {
+        let first = iteration.number == 0;
+        self.estimations.fetch_add(usize::from(first), Ordering::Relaxed);
+        self.iterations.fetch_add(usize::from(!first), Ordering::Relaxed);
     }
 }
 
-fn limited(total: Option<usize>, options: FitOptions) -> (crate::Fit, Counting) {
-    let mut seen = Counting::default();
+fn limited(total: Option<usize>, options: FitOptions) -> (crate::Fit, (usize, usize)) {
+    let seen = Counting::default();
     let iterations = total.unwrap_or(100);
     let inner = Options { iterations, total, ..options.options.clone() };
-    let fit = fit(&model(), &[run()], &FitOptions { options: inner, ..options }, &mut seen).unwrap();
-    (fit, seen)
+    let options = FitOptions { options: inner, ..options };
+    let fit = fit(&model(), &[run()], &options, &Work::default().telling(&seen)).unwrap();
+    (fit, seen.counts())
 }
 
 #[test]
 fn without_a_limit_fallbacks_reach_what_the_start_does_not() {
-    let (fit, seen) = limited(None, FitOptions::default());
-    assert!(fit.fallback.is_some() && seen.estimations > 1, "{} estimations", seen.estimations);
+    let (fit, (estimations, _)) = limited(None, FitOptions::default());
+    assert!(fit.fallback.is_some() && estimations > 1, "{estimations} estimations");
     assert!((fit.estimate.parameter("w", None).unwrap().value - 1.0).abs() < 1e-2);
 }
 
@@ -72,21 +83,20 @@ fn noise_that_hides_most_of_the_response_calls_for_no_other_way() {
     let mut normal = fdm_numeric::random::Normal(11);
     let mut noisy = run();
     noisy.measured.iter_mut().for_each(|y| *y += 1.5 * normal.next());
-    let mut seen = Counting::default();
     let text = TEXT.replace("w = 3", "w = 1.02");
     let near = Model::from_text("m.fdm", text).unwrap();
-    let found = fit(&near, &[noisy.clone()], &FitOptions::default(), &mut seen).unwrap();
+    let found = fit(&near, &[noisy.clone()], &FitOptions::default(), &Work::default()).unwrap();
     let r2 = found.estimate.outputs[0].r2.unwrap();
     assert!(r2 < 0.4 && found.fallback.is_none() && found.is_good(), "{r2} {:?}", found.fallback);
     // a wrong minimum leaves a swing in such noise, and is left for the right one
-    let far = fit(&model(), &[noisy], &FitOptions::default(), &mut Counting::default()).unwrap();
+    let far = fit(&model(), &[noisy], &FitOptions::default(), &Work::default()).unwrap();
     assert!((far.estimate.parameter("w", None).unwrap().value - 1.0).abs() < 0.05, "{:?}", far.fallback);
 }
 
 #[test]
 fn no_iterations_are_no_fallbacks_either() {
     let (fit, seen) = limited(Some(0), FitOptions::default());
-    assert_eq!((seen.estimations, seen.iterations), (1, 0));
+    assert_eq!(seen, (1, 0));
     assert_eq!(fit.estimate.parameter("w", None).unwrap().value, 3.0);
     assert_eq!(fit.estimate.termination, Termination::IterationLimit);
     assert!(fit.fallback.is_none() && fit.estimate.runs[0].response.len() == run().len());
@@ -101,9 +111,9 @@ fn strategies_that_were_asked_for_are_bound_too_and_end_with_the_whole_record() 
     ];
     for (k, options) in asked.into_iter().enumerate() {
         for total in [0, 4] {
-            let (fit, seen) = limited(Some(total), options.clone());
+            let (fit, (_, iterations)) = limited(Some(total), options.clone());
             let starts = options.starts.count;
-            assert!(seen.iterations <= total * starts.max(1) + total, "{k}: {} of {total}", seen.iterations);
+            assert!(iterations <= total * starts.max(1) + total, "{k}: {iterations} of {total}");
             assert_eq!(fit.estimate.runs[0].response.len(), run().len(), "{k}");
         }
     }
@@ -112,10 +122,11 @@ fn strategies_that_were_asked_for_are_bound_too_and_end_with_the_whole_record() 
 #[test]
 fn what_was_reached_at_a_time_limit_is_that_of_the_whole_record() {
     for most in [0, 1, 3, 6, 12] {
-        let mut seen = Counting { most: Some((most, Stop::TimeLimit)), ..Counting::default() };
+        let seen = Counting::default();
+        let work = Work::until(&seen.after(most)).telling(&seen);
         let options = FitOptions { continuation: Continuation::Shares(vec![0.2, 1.0]), ..FitOptions::default() };
         for options in [options, FitOptions::default()] {
-            let fit = fit(&model(), &[run()], &options, &mut seen).unwrap();
+            let fit = fit(&model(), &[run()], &options, &work).unwrap();
             assert_eq!(fit.estimate.termination, Termination::TimeLimit, "{most}");
             assert_eq!(fit.estimate.runs[0].response.len(), run().len(), "{most}");
             assert!(fit.estimate.cost.is_some() && !fit.is_good(), "{most}");
@@ -128,11 +139,12 @@ fn an_interrupted_search_gives_the_best_start_that_it_knows() {
     let continuation = Continuation::Shares(vec![0.1, 0.2, 0.4, 1.0]);
     let (mut told, mut by) = (0, Vec::new());
     for most in (5..90).step_by(7) {
-        let mut seen = Counting { most: Some((most, Stop::TimeLimit)), ..Counting::default() };
+        let seen = Counting::default();
+        let work = Work::until(&seen.after(most)).telling(&seen);
         let starts = MultiStart { count: 5, seed: 1 };
         let options = FitOptions { continuation: continuation.clone(), starts, ..FitOptions::default() };
         let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-        let fit = one_thread.install(|| fit(&model(), &[run()], &options, &mut seen)).unwrap();
+        let fit = one_thread.install(|| fit(&model(), &[run()], &options, &work)).unwrap();
         let best = fit.starts.iter().filter_map(|s| s.cost).min_by(f64::total_cmp);
         let (Some(best), Some(cost)) = (best, fit.estimate.cost) else { continue };
         assert!(cost <= best + 1e-9 * best.abs(), "{most}: {cost} of {:?}", fit.starts);
@@ -140,20 +152,6 @@ fn an_interrupted_search_gives_the_best_start_that_it_knows() {
         by.push(cost);
     }
     assert!(told > 5 && by.iter().any(|c| *c != by[0]), "{by:?}");
-}
-
-/// Stops the work when it has been asked so often.
-struct Patience(usize);
-
-impl Observer for Patience {
-    fn iteration(&mut self, _: &Iteration) -> ControlFlow<()> {
-        if self.0 == 0 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-    }
-
-    fn stopped(&mut self) -> Option<Stop> {
-        self.0 = self.0.saturating_sub(1);
-        (self.0 == 0).then_some(Stop::TimeLimit)
-    }
 }
 
 /// Robertson's kinetics: the choice of its steps takes most of the time, and one step per interval cannot follow it.
@@ -171,12 +169,15 @@ fn the_choice_of_steps_is_ended_too() {
     let (name, inputs, held, input_gaps) = ("r".into(), Vec::new(), Vec::new(), Vec::new());
     let run = Run { name, inputs, held, measured, input_gaps, stated: Vec::new(), output_gaps: vec![0], time };
     let fitted = |patience: usize| {
-        let mut left = Patience(patience);
-        (fit(&model, std::slice::from_ref(&run), &FitOptions::default(), &mut left).unwrap(), left.0)
+        let asked = Arc::new(AtomicUsize::new(0));
+        let count = Arc::clone(&asked);
+        let over = move || (1 + count.fetch_add(1, Ordering::Relaxed) >= patience).then_some(Stop::TimeLimit);
+        let work = Work::until(&Halt::asking(over));
+        let found = fit(&model, std::slice::from_ref(&run), &FitOptions::default(), &work).unwrap();
+        (found, asked.load(Ordering::Relaxed))
     };
-    let (whole, left) = fitted(usize::MAX);
+    let (whole, asked) = fitted(usize::MAX);
     assert!(whole.is_good(), "{:?}", whole.estimate.termination);
-    let asked = usize::MAX - left;
     assert!(asked > 200, "{asked}");
     let k = |fit: &crate::Fit| fit.estimate.parameter("k", None).unwrap().value;
     let mut unmoved = 0;

@@ -4,7 +4,7 @@
 //! Plain residuals see a response that has died away as one that is nearly right, and one that runs away as infinitely wrong: between the two there is no slope
 //! to follow. Magnitudes are as far from what was measured on both sides, and grow by one for every factor of e.
 
-use crate::problem::Response;
+use crate::problem::response::{Response, TimeResponse};
 use fdm_system::record::Run;
 use fdm_system::simulate::{Block, Divergence, Simulator, Sink};
 
@@ -58,10 +58,6 @@ impl Response for Magnitudes<'_> {
         self.levels.len()
     }
 
-    fn time(&self) -> Option<&[f64]> {
-        Some(&self.simulator.run().time)
-    }
-
     fn simulate(&mut self, theta: &[f64], y: &mut [f64]) -> Result<(), Divergence> {
         self.simulator.simulate(theta, y)?;
         y.iter_mut().enumerate().for_each(|(k, y)| *y = magnitude(*y, self.levels[k % self.levels.len()]));
@@ -80,6 +76,12 @@ impl Response for Magnitudes<'_> {
             let y = of(block.y, levels);
             sink(Block { y: &y, ..block });
         })
+    }
+}
+
+impl TimeResponse for Magnitudes<'_> {
+    fn time(&self) -> Option<&[f64]> {
+        Some(&self.simulator.run().time)
     }
 }
 

@@ -3,8 +3,6 @@
 //! **In** a model, runs, and where a single fit ended. **Out** better ends, estimates by length and by weights.
 //! **Never** hides what was tried. **Start** at [`fallback`].
 
-pub(super) mod budget;
-pub(super) mod checkpoint;
 pub(super) mod completion;
 pub(super) mod confidence;
 pub(super) mod continuation;

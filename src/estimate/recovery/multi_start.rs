@@ -1,26 +1,25 @@
 //! Many starts: a fit from each, what came out of it, and which of them is the best. Where they lie is said in `spread.rs`.
 
-use crate::degenerate::Degeneracy;
-use crate::estimate::{ParameterEstimate, Status};
-use crate::observer::{Iteration, Observer, StartSummary, Stop};
-use crate::output_error::error::FitError;
-use crate::output_error::fit::Fit;
-use crate::output_error::options::{Continuation, FitOptions};
-use crate::output_error::single::after;
+use crate::estimation::estimate::{ParameterEstimate, Status};
+use crate::methods::output_error::attempt::{Attempt, after};
+use crate::methods::output_error::error::FitError;
+use crate::methods::output_error::fit::Fit;
+use crate::methods::output_error::options::{Continuation, FitOptions};
 use crate::problem::Options;
-use crate::recovery::budget::Budget;
-use crate::recovery::checkpoint::{CheckpointObserver, CheckpointWriter, SavedStates};
+use crate::problem::degenerate::Degeneracy;
 use crate::recovery::completion::completed;
 use crate::recovery::fallback::attempt;
 use crate::recovery::screening::screened;
 use crate::recovery::spread::Spread;
-use crate::termination::Termination;
+use crate::work::budget::Budget;
+use crate::work::checkpoint::{CheckpointWriter, EstimationStates, SavedStates};
+use crate::work::termination::Termination;
+use crate::work::{StartSummary, Work};
+use fdm_numeric::halt::Halt;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use rayon::prelude::*;
-use std::ops::ControlFlow;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Costs that differ by less are those of one minimum: a likelihood ratio that no data can tell from one.
 const SAME_COST: f64 = 0.01;
@@ -56,33 +55,32 @@ struct Ended {
     error: Option<FitError>,
 }
 
-/// Attempts a fit from every start, on all threads; the same bits for any number of them. The model comes with the parameters of its noise held, and as
-/// it was given.
+/// Attempts a fit from every start, on all threads; the same bits for any number of them. The model has the parameters of its noise held;
+/// `whole` is the one that was given.
 ///
 /// # Errors
 /// [`FitError`] when no start could be attempted.
 pub(crate) fn many_starts(
-    (model, whole): (&Model, &Model),
-    runs: &[Run],
-    given: &[Vec<f64>],
-    options: &FitOptions,
+    attempt: &Attempt<'_>,
+    whole: &Model,
     ledger: &CheckpointWriter<'_>,
-    observer: &mut dyn Observer,
 ) -> Result<Starts, FitError> {
+    let attempt = &Attempt { options: &of_each(attempt.options), ..*attempt };
+    let Attempt { model, starts: given, options, work, .. } = *attempt;
     let count = options.starts.count;
-    let options = &of_each(options);
     let spread = Spread::new(model, given, options.starts.seed);
-    let watch =
-        Watch { observer: Mutex::new(observer), stop: AtomicBool::new(false), ended: AtomicUsize::new(0), count };
-    let one = |k: usize| one_start((model, whole), runs, &spread, (k, options), ledger, &watch);
+    let done = AtomicUsize::new(0);
+    let one = |k: usize| {
+        let ended = one_start(attempt, whole, &spread, k, ledger)?;
+        work.start_ended(&ended.summary, 1 + done.fetch_add(1, Ordering::Relaxed), count);
+        Some(ended)
+    };
     let mut ended: Vec<Ended> = (0..count).into_par_iter().with_max_len(1).filter_map(one).collect();
     compare(&mut ended);
     let Some(best) = best(&ended) else {
         // the error of a start that was not possible is not kept with what came out of it
         let impossible = ended.iter_mut().find(|e| e.summary.termination.is_none());
-        let again = |number: usize| {
-            one_start((model, whole), runs, &spread, (number - 1, options), &CheckpointWriter::new(None), &watch)?.error
-        };
+        let again = |number: usize| one_start(attempt, whole, &spread, number - 1, &CheckpointWriter::new(None))?.error;
         let first = impossible.and_then(|e| e.error.take().or_else(|| again(e.summary.number)));
         return match first {
             Some(error) => Err(error),
@@ -100,7 +98,7 @@ pub(crate) fn many_starts(
     let mut start = std::mem::take(&mut ended[best].start);
     let reached = Some(ended[best].summary.reached.clone()).filter(|reached| !reached.is_empty());
     if start.is_empty() {
-        start = screened(model, runs, &spread, number - 1, options, &|| watch.stopped());
+        start = screened(attempt, &spread, number - 1);
     }
     let summaries = ended.into_iter().map(|e| e.summary).collect();
     Ok(Starts { summaries, start, number, states, reached })
@@ -139,75 +137,56 @@ impl StartSearch {
         self.options.starts.count
     }
 
-    /// The name under which [`fit_kept`](crate::fit_kept) looks for what came out of the start with this number, from 1.
+    /// The name under which [`fit()`](crate::fit()) looks for what came out of the start with this number, from 1.
     pub fn name(number: usize) -> String {
         format!("start-{number}")
     }
 
-    /// Attempts the start with this number, from 1, as long as `goes_on` says so; what came out of it, as bytes for
-    /// [`fit_kept`](crate::fit_kept). None where it was interrupted.
-    pub fn once(&self, number: usize, goes_on: &(dyn Fn() -> bool + Sync)) -> Option<Vec<u8>> {
+    /// Attempts the start with this number, from 1; what came out of it, as bytes for [`fit()`](crate::fit()). None where it was
+    /// interrupted.
+    pub fn once(&self, number: usize, halt: &Halt) -> Option<Vec<u8>> {
         let spread = Spread::new(&self.model, &self.given, self.options.starts.seed);
-        let mut observer = Patient(goes_on);
-        let watch = Watch {
-            observer: Mutex::new(&mut observer as &mut dyn Observer),
-            stop: AtomicBool::new(false),
-            ended: AtomicUsize::new(0),
-            count: self.count(),
-        };
         let nothing = CheckpointWriter::new(None);
-        let ended =
-            one_start((&self.model, &self.whole), &self.runs, &spread, (number - 1, &self.options), &nothing, &watch)?;
-        if !goes_on() || ended.summary.termination.as_ref().is_some_and(Termination::is_stopped) {
+        let Self { model, runs, given: starts, options, .. } = self;
+        let attempt = Attempt { model, runs, starts, options, work: &Work::until(halt) };
+        let ended = one_start(&attempt, &self.whole, &spread, number - 1, &nothing)?;
+        if !halt.goes_on() || ended.summary.termination.as_ref().is_some_and(Termination::is_stopped) {
             return None;
         }
         postcard::to_stdvec(&SavedStates { summary: Some(ended.summary), states: ended.states }).ok()
     }
 }
 
-/// Ends work when it may not go on.
-struct Patient<'g>(&'g (dyn Fn() -> bool + Sync));
-
-impl Observer for Patient<'_> {
-    fn iteration(&mut self, _: &Iteration) -> ControlFlow<()> {
-        if (self.0)() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
-    }
-
-    fn stopped(&mut self) -> Option<Stop> {
-        (!(self.0)()).then_some(Stop::Interrupt)
-    }
-}
-
 fn one_start(
-    (model, whole): (&Model, &Model),
-    runs: &[Run],
+    given: &Attempt<'_>,
+    whole: &Model,
     spread: &Spread<'_>,
-    (k, options): (usize, &FitOptions),
+    k: usize,
     ledger: &CheckpointWriter<'_>,
-    watch: &Watch<'_>,
 ) -> Option<Ended> {
-    if watch.stopped().is_some() {
+    let Attempt { runs, options, work, .. } = *given;
+    if !work.goes_on() {
         return None;
     }
     let number = k + 1;
     let name = StartSearch::name(number);
     let kept = ledger.find(&name);
     if let Some(summary) = kept.summary {
-        watch.ended(&summary);
         return Some(Ended { summary, start: Vec::new(), states: kept.states, error: None });
     }
-    let mut observer = OneOfMany { number, watch };
-    let mut observer = Budget::new(&mut observer, options.options.total);
-    let mut stages = CheckpointObserver::new(&mut observer, ledger, name.clone(), kept.states).remembering();
-    let start = screened(model, runs, spread, k, options, &|| watch.stopped());
+    let start = screened(given, spread, k);
     // half a search is no start
-    if k > 0 && watch.stopped().is_some() {
+    if k > 0 && !work.goes_on() {
         return None;
     }
-    let attempted = attempt(model, runs, &start, options, &mut stages);
-    let states = stages.into_states();
+    let budget = Budget::new(work, options.options.total);
+    let states = EstimationStates::new(ledger, name.clone(), kept.states).remembering();
+    let own = work.of_start(number).within(&budget);
+    let from_here = Attempt { starts: &start, work: &own, ..*given };
+    let attempted = attempt(&Attempt { work: &own.with_states(&states), ..from_here });
+    let states = states.into_states();
     // the noise that is stated, or another loss, is compared, and not what leads there
-    let attempted = attempted.and_then(|fit| completed(whole, runs, (&start, None), fit, options, &mut observer));
+    let attempted = attempted.and_then(|fit| completed(&Attempt { model: whole, ..from_here }, None, fit));
     let (summary, error) = match attempted {
         Ok(fit) => (summary(number, &fit, runs, &start), None),
         Err(error) => (impossible(number, &error), Some(error)),
@@ -215,7 +194,6 @@ fn one_start(
     if error.is_none() && !summary.termination.as_ref().is_some_and(Termination::is_stopped) {
         ledger.put(&name, Some(&summary), &states);
     }
-    watch.ended(&summary);
     Some(Ended { summary, start, states, error })
 }
 
@@ -365,47 +343,4 @@ fn best(ended: &[Ended]) -> Option<usize> {
 fn distance(a: &[f64], b: &[f64]) -> f64 {
     let part = |(a, b): (&f64, &f64)| if a == b { 0.0 } else { (a - b).abs() / a.abs().max(b.abs()) };
     a.iter().zip(b).map(part).fold(0.0, f64::max)
-}
-
-/// One observer for all starts.
-struct Watch<'o> {
-    observer: Mutex<&'o mut dyn Observer>,
-    stop: AtomicBool,
-    ended: AtomicUsize,
-    count: usize,
-}
-
-impl Watch<'_> {
-    fn tell(&self, tell: impl FnOnce(&mut dyn Observer) -> ControlFlow<()>) -> ControlFlow<()> {
-        let flow = tell(&mut **self.observer.lock().unwrap_or_else(PoisonError::into_inner));
-        if flow.is_break() {
-            self.stop.store(true, Ordering::Relaxed);
-        }
-        if self.stop.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-    }
-
-    fn stopped(&self) -> Option<Stop> {
-        let why = self.observer.lock().unwrap_or_else(PoisonError::into_inner).stopped();
-        why.or(self.stop.load(Ordering::Relaxed).then_some(Stop::Interrupt))
-    }
-
-    fn ended(&self, summary: &StartSummary) {
-        let ended = 1 + self.ended.fetch_add(1, Ordering::Relaxed);
-        let _ = self.tell(|o| o.start_ended(summary, ended, self.count));
-    }
-}
-
-struct OneOfMany<'w, 'o> {
-    number: usize,
-    watch: &'w Watch<'o>,
-}
-
-impl Observer for OneOfMany<'_, '_> {
-    fn iteration(&mut self, iteration: &Iteration) -> ControlFlow<()> {
-        self.watch.tell(|o| o.start_iteration(self.number, iteration))
-    }
-
-    fn stopped(&mut self) -> Option<Stop> {
-        self.watch.stopped()
-    }
 }

@@ -3,20 +3,21 @@
 //! A draw out of many decades is far from everything, and a fit from there ends where the response has died away. So many are drawn, compared by their
 //! [`magnitudes`], improved a little, thinned, improved more (successive halving: Jamieson and Talwalkar 2016); the last few go on by what is fitted.
 
-use crate::derived::DerivedQuantities;
-use crate::noise::Noise;
-use crate::observer::{Iteration, Observer, Stop};
-use crate::output_error::options::FitOptions;
-use crate::output_error::single::{after, chosen_steps, single_fit};
+use crate::estimation::solve::{cost_at, estimate};
+use crate::methods::output_error::attempt::Attempt;
+use crate::methods::output_error::options::FitOptions;
+use crate::methods::output_error::single::{chosen_steps, single_fit};
+use crate::problem::derived::DerivedQuantities;
+use crate::problem::noise::Noise;
+use crate::problem::response::RunResponse;
 use crate::problem::{Options, Problem, ProblemRun};
 use crate::recovery::magnitudes::{self, Magnitudes};
 use crate::recovery::spread::Spread;
-use crate::solve::{cost_at, estimate};
+use crate::work::Work;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::{Scheme, Simulator, Steps};
 use rayon::prelude::*;
-use std::ops::ControlFlow;
 
 /// Starts that are drawn in place of one that cannot be simulated, at most.
 const REDRAWN: usize = 16;
@@ -32,62 +33,33 @@ const IMPLICIT: usize = 4;
 /// Steps of all runs, times states and sensitivities to each parameter, beyond which fewer candidates are drawn.
 const MOST_WORK: usize = 1 << 20;
 
-/// The start with a number from 0; the same for every count of starts and of threads. None where `stopped` says so first.
-pub(crate) fn screened(
-    model: &Model,
-    runs: &[Run],
-    spread: &Spread<'_>,
-    number: usize,
-    options: &FitOptions,
-    stopped: Stopped<'_>,
-) -> Vec<Vec<f64>> {
+/// The start with a number from 0; the same for every count of starts and of threads. A search that is stopped gives what it has.
+pub(crate) fn screened(attempt: &Attempt<'_>, spread: &Spread<'_>, number: usize) -> Vec<Vec<f64>> {
+    let Attempt { model, runs, options, work, .. } = *attempt;
     let own = spread.start(number);
     if number == 0 {
         return own;
     }
     if spread.is_wide() {
-        return Crowd {
-            model,
-            runs,
-            options,
-            stopped,
-            levels: magnitudes::levels(runs, model.definition().outputs.len()),
-        }
-        .best(spread, number);
+        let levels = magnitudes::levels(runs, model.definition().outputs.len());
+        return Crowd { attempt: Attempt { work: &work.quiet(), ..*attempt }, levels }.best(spread, number);
     }
     let usable = |start: &Vec<Vec<f64>>| is_usable(model, runs, start, options);
     // the fit chooses steps with more care
-    let chosen =
-        || chosen_steps(model, runs, &own, options, &mut ()).is_ok_and(|c| c.iter().all(|a| a.error.is_finite()));
+    let chosen = || {
+        let chosen = chosen_steps(&Attempt { starts: &own, work: &Work::default(), ..*attempt });
+        chosen.is_ok_and(|c| c.iter().all(|a| a.error.is_finite()))
+    };
     if usable(&own) || chosen() {
         return own;
     }
-    let others = (1..=REDRAWN).map(|attempt| spread.instead(number, attempt));
+    let others = (1..=REDRAWN).map(|again| spread.instead(number, again));
     others.into_iter().find(usable).unwrap_or(own)
-}
-
-/// Why the work is to end now, asked from many threads.
-pub(crate) type Stopped<'s> = &'s (dyn Fn() -> Option<Stop> + Sync);
-
-/// Says nothing, and ends when it is told to.
-struct Quiet<'s>(Stopped<'s>);
-
-impl Observer for Quiet<'_> {
-    fn iteration(&mut self, _: &Iteration) -> ControlFlow<()> {
-        if (self.0)().is_some() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-    }
-
-    fn stopped(&mut self) -> Option<Stop> {
-        (self.0)()
-    }
 }
 
 /// Many starts, of which one is wanted.
 struct Crowd<'c> {
-    model: &'c Model,
-    runs: &'c [Run],
-    options: &'c FitOptions,
-    stopped: Stopped<'c>,
+    attempt: Attempt<'c>,
     /// Of magnitudes (q).
     levels: Vec<f64>,
 }
@@ -98,9 +70,11 @@ type Member = (f64, Vec<Vec<f64>>);
 impl Crowd<'_> {
     fn best(&self, spread: &Spread<'_>, number: usize) -> Vec<Vec<f64>> {
         let own = spread.start(number);
-        let work = self.work(&own).max(1);
-        let count =
-            (CANDIDATES * spread.dimensions()).min(MOST_CANDIDATES).min(MOST_CANDIDATES * MOST_WORK / work).max(1);
+        let operations = self.operations(&own).max(1);
+        let count = (CANDIDATES * spread.dimensions())
+            .min(MOST_CANDIDATES)
+            .min(MOST_CANDIDATES * MOST_WORK / operations)
+            .max(1);
         let drawn = |k: usize| if k == 0 { own.clone() } else { spread.instead(number, k) };
         let mut members: Vec<Member> = (0..count)
             .into_par_iter()
@@ -113,7 +87,7 @@ impl Crowd<'_> {
             })
             .collect();
         // iterations that were counted belong to the fits
-        let rounds = if self.options.options.total.is_none() { &ROUNDS[..] } else { &[] };
+        let rounds = if self.attempt.options.options.total.is_none() { &ROUNDS[..] } else { &[] };
         for (share, iterations) in rounds {
             keep(&mut members, count.div_ceil(*share));
             members = members.into_par_iter().map(|member| self.improved(member, *iterations)).collect();
@@ -126,35 +100,38 @@ impl Crowd<'_> {
     }
 
     /// Numbers that one evaluation with sensitivities takes.
-    fn work(&self, start: &[Vec<f64>]) -> usize {
+    fn operations(&self, start: &[Vec<f64>]) -> usize {
         let steps = self.steps(start);
-        let total: usize = steps.iter().zip(self.runs).map(|(steps, run)| steps.total(run.len())).sum();
-        let layout = self.model.layout();
+        let total: usize = steps.iter().zip(self.attempt.runs).map(|(steps, run)| steps.total(run.len())).sum();
+        let layout = self.attempt.model.layout();
         total * layout.states.max(1) * (1 + layout.params)
     }
 
     /// Steps that tell where a response runs away, and about how large it is.
     fn steps(&self, start: &[Vec<f64>]) -> Vec<Steps> {
-        let FitOptions { per_interval, scheme, shared_steps, .. } = self.options;
-        let implicit = || vec![Steps::equal(Scheme::Radau, IMPLICIT); self.runs.len()];
-        let total = |steps: &[Steps]| steps.iter().zip(self.runs).map(|(s, run)| s.total(run.len())).sum::<usize>();
+        let FitOptions { per_interval, scheme, shared_steps, .. } = self.attempt.options;
+        let implicit = || vec![Steps::equal(Scheme::Radau, IMPLICIT); self.attempt.runs.len()];
+        let total =
+            |steps: &[Steps]| steps.iter().zip(self.attempt.runs).map(|(s, run)| s.total(run.len())).sum::<usize>();
         let few = |steps: &Vec<Steps>| total(steps) <= total(&implicit());
-        let given = || per_interval.map(|n| vec![Steps::equal(scheme.unwrap_or_default(), n); self.runs.len()]);
-        given().or_else(|| shared_steps.steps(self.model, self.runs, start).filter(few)).unwrap_or_else(implicit)
+        let given = || per_interval.map(|n| vec![Steps::equal(scheme.unwrap_or_default(), n); self.attempt.runs.len()]);
+        given()
+            .or_else(|| shared_steps.steps(self.attempt.model, self.attempt.runs, start).filter(few))
+            .unwrap_or_else(implicit)
     }
 
     /// The problem of magnitudes; none where a run cannot be simulated.
     fn problem(&self, start: &[Vec<f64>]) -> Option<Problem<'_>> {
-        let mut prepared = Vec::with_capacity(self.runs.len());
-        for ((run, theta), steps) in self.runs.iter().zip(start).zip(self.steps(start)) {
-            let mut simulator = Simulator::new(self.model.dynamics(), run, steps).ok()?;
+        let mut prepared = Vec::with_capacity(self.attempt.runs.len());
+        for ((run, theta), steps) in self.attempt.runs.iter().zip(start).zip(self.steps(start)) {
+            let mut simulator = Simulator::new(self.attempt.model.dynamics(), run, steps).ok()?;
             simulator.suits(theta).ok()?;
-            let response = Box::new(Magnitudes::new(simulator, &self.levels));
+            let response = RunResponse::in_time(Magnitudes::new(simulator, &self.levels));
             let measured = magnitudes::of(&run.measured, &self.levels);
             prepared.push(ProblemRun { name: run.name.clone(), response, measured, start: theta.clone() });
         }
-        let definition = self.model.definition();
-        let derived = DerivedQuantities::of(definition, self.model.dynamics());
+        let definition = self.attempt.model.definition();
+        let derived = DerivedQuantities::of(definition, self.attempt.model.dynamics());
         let mut problem = Problem { affine: Vec::new(), ..Problem::new(definition, prepared, derived) };
         for (k, param) in problem.params.iter_mut().enumerate() {
             param.logarithmic |= param.lower > 0.0 && param.spans_decades();
@@ -172,12 +149,12 @@ impl Crowd<'_> {
     }
 
     fn improved(&self, (cost, start): Member, iterations: usize) -> Member {
-        let Some(mut problem) = self.problem(&start).filter(|_| (self.stopped)().is_none() && cost.is_finite()) else {
+        let Some(mut problem) = self.problem(&start).filter(|_| self.attempt.work.goes_on() && cost.is_finite()) else {
             return (cost, start);
         };
-        match estimate(&mut problem, &self.by_magnitude(iterations), &mut Quiet(self.stopped)) {
+        match estimate(&mut problem, &self.by_magnitude(iterations), self.attempt.work) {
             Ok(found) => match found.cost.filter(|found| *found < cost) {
-                Some(reached) => (reached, after(self.model, self.runs, &found, &start)),
+                Some(reached) => (reached, Attempt { starts: &start, ..self.attempt }.reached(&found)),
                 None => (cost, start),
             },
             Err(_) => (cost, start),
@@ -186,15 +163,16 @@ impl Crowd<'_> {
 
     /// By what is fitted; the cost is that.
     fn fitted(&self, (_, start): Member) -> Member {
-        if (self.stopped)().is_some() {
+        if !self.attempt.work.goes_on() {
             return (f64::INFINITY, start);
         }
-        let iterations = self.options.options.iterations.min(LAST);
-        let inner = Options { iterations, colour: false, ..self.options.options.clone() };
-        let options = FitOptions { options: inner, ..self.options.clone() };
-        match single_fit(self.model, self.runs, &start, &options, &mut Quiet(self.stopped)) {
+        let iterations = self.attempt.options.options.iterations.min(LAST);
+        let inner = Options { iterations, colour: false, ..self.attempt.options.options.clone() };
+        let options = FitOptions { options: inner, ..self.attempt.options.clone() };
+        match single_fit(&Attempt { starts: &start, options: &options, ..self.attempt }) {
             Ok(fit) => {
-                (fit.estimate.cost.unwrap_or(f64::INFINITY), after(self.model, self.runs, &fit.estimate, &start))
+                let reached = Attempt { starts: &start, ..self.attempt }.reached(&fit.estimate);
+                (fit.estimate.cost.unwrap_or(f64::INFINITY), reached)
             }
             Err(_) => (f64::INFINITY, start),
         }
@@ -223,9 +201,10 @@ fn is_usable(model: &Model, runs: &[Run], start: &[Vec<f64>], options: &FitOptio
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::changes::Changes;
-    use crate::output_error::single::starts;
+    use crate::methods::output_error::single::starts;
+    use crate::problem::changes::Changes;
     use crate::recovery::multi_start;
+    use fdm_numeric::halt::Stop;
 
     /// Grows beyond all bounds within the record where `rho` is above 0.1.
     const GROWTH: &str = "model growth {
@@ -267,7 +246,13 @@ mod tests {
             let options = FitOptions::default().with_declared_noise(&model);
             let spread = Spread::new(&model, &given, 3);
             assert!(spread.is_wide(), "bounds that span decades are enough");
-            let screened = |number: usize| screened(&model, &runs, &spread, number, &options, &|| None);
+            let screened = |number: usize| {
+                screened(
+                    &Attempt { model: &model, runs: &runs, starts: &given, options: &options, work: &Work::default() },
+                    &spread,
+                    number,
+                )
+            };
             assert_eq!(screened(0), given, "the given start stays");
             let mut lost = 0;
             for number in 1..7 {
@@ -287,7 +272,17 @@ mod tests {
         let given = starts(&model, &runs, &Changes::default());
         let options = FitOptions::default().with_declared_noise(&model);
         let spread = Spread::new(&model, &given, 3);
-        let found = screened(&model, &runs, &spread, 1, &options, &|| Some(Stop::Interrupt));
+        let found = screened(
+            &Attempt {
+                model: &model,
+                runs: &runs,
+                starts: &given,
+                options: &options,
+                work: &Work::ended(Stop::Interrupt),
+            },
+            &spread,
+            1,
+        );
         assert!(is_usable(&model, &runs, &found, &options));
     }
 
@@ -297,8 +292,13 @@ mod tests {
         let given = starts(&model, &runs, &Changes::default());
         let mut options = FitOptions::default().with_declared_noise(&model);
         (options.starts.count, options.starts.seed) = (6, 1);
-        let ledger = crate::recovery::checkpoint::CheckpointWriter::new(None);
-        let found = multi_start::many_starts((&model, &model), &runs, &given, &options, &ledger, &mut ()).unwrap();
+        let ledger = crate::work::checkpoint::CheckpointWriter::new(None);
+        let found = multi_start::many_starts(
+            &Attempt { model: &model, runs: &runs, starts: &given, options: &options, work: &Work::default() },
+            &model,
+            &ledger,
+        )
+        .unwrap();
         let reached = found.summaries.iter().filter(|s| s.minimum == Some(1)).count();
         assert!(reached >= 5, "{reached}: {:?}", found.summaries);
     }

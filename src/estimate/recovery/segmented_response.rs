@@ -1,7 +1,7 @@
 //! A run cut into segments with initial states of their own, as one response: behind the model's outputs stand the gaps
 //! at the cuts, one for each state, which are to be zero.
 
-use crate::problem::Response;
+use crate::problem::response::{Response, TimeResponse};
 use fdm_grammar::graph::Leaf;
 use fdm_grammar::model::{Origin, Output, Param, Quantity};
 use fdm_system::model::Model;
@@ -170,6 +170,8 @@ impl Response for SegmentedResponse<'_> {
         result
     }
 }
+
+impl TimeResponse for SegmentedResponse<'_> {}
 
 impl SegmentedResponse<'_> {
     /// Outputs and their partials by the columns, N by (q + n) rows of `stride`.

@@ -5,19 +5,20 @@
 //! known deviation that shrinks, and what they should be is shifted until they vanish. A fit of the uncut model
 //! ends it where that is possible.
 
-use crate::estimate::{Estimate, RunFit, Status, Symmetric};
-use crate::noise::Noise;
-use crate::observer::Observer;
-use crate::output_error::error::{FitError, StrategyError};
-use crate::output_error::fit::{Continuity, Fit};
-use crate::output_error::integration_fault::IntegrationFault;
-use crate::output_error::options::{FitOptions, Shooting};
-use crate::output_error::single::single_fit;
+use crate::estimation::estimate::{Estimate, RunFit, Status, Symmetric};
+use crate::estimation::solve::estimate;
+use crate::methods::output_error::attempt::Attempt;
+use crate::methods::output_error::error::{FitError, StrategyError};
+use crate::methods::output_error::fit::{Continuity, Fit};
+use crate::methods::output_error::integration_fault::IntegrationFault;
+use crate::methods::output_error::options::{FitOptions, Shooting};
+use crate::methods::output_error::single::single_fit;
+use crate::problem::noise::Noise;
+use crate::problem::response::RunResponse;
 use crate::problem::{Options, Problem, ProblemRun};
-use crate::recovery::budget::stop;
 use crate::recovery::segmented_response::{Segment, SegmentModels, SegmentedResponse, Sizes, initial_state};
-use crate::solve::estimate;
-use crate::termination::Termination;
+use crate::work::Work;
+use crate::work::termination::Termination;
 use crate::{DerivedQuantities, initial_guess};
 use fdm_system::model::Model;
 use fdm_system::record::Run;
@@ -63,17 +64,12 @@ impl Shooting {
     }
 }
 
-/// Estimates by multiple shooting from `starts` (all parameters of each run).
+/// Estimates by multiple shooting from the start values.
 ///
 /// # Errors
 /// [`FitError::Strategy`] when the model cannot be cut; else as for [`fit`](crate::fit()).
-pub(crate) fn shoot(
-    model: &Model,
-    runs: &[Run],
-    starts: &[Vec<f64>],
-    (shooting, options): (Shooting, &FitOptions),
-    observer: &mut dyn Observer,
-) -> Result<Fit, FitError> {
+pub(crate) fn shoot(attempt: &Attempt<'_>, shooting: Shooting) -> Result<Fit, FitError> {
+    let Attempt { model, runs, starts, options, work } = *attempt;
     let layout = model.layout();
     let impossible = match () {
         () if layout.states == 0 => Some(StrategyError::NoStates),
@@ -87,32 +83,32 @@ pub(crate) fn shoot(
     let cuts = runs.iter().map(|run| shooting.cuts(run)).collect::<Result<Vec<_>, _>>().map_err(FitError::Strategy)?;
     let pieces: Vec<Vec<Run>> = runs.iter().zip(&cuts).map(|(run, cuts)| pieces(run, cuts, layout.states)).collect();
     let mut shot = Shot::new(model, &models, &cuts, &pieces, starts, options)?;
-    let mut estimate = shot.rounds(options, observer)?;
+    let mut estimate = shot.rounds(options, work)?;
     for _ in 1..MOST_LOOKS {
-        let over = options.per_interval.is_some() || stop(&estimate.termination, observer).is_some();
+        let over = options.per_interval.is_some() || work.stop_after(&estimate.termination).is_some();
         if over || estimate.runs.is_empty() || !shot.refine()? {
             break;
         }
-        estimate = shot.rounds(options, observer)?;
+        estimate = shot.rounds(options, work)?;
     }
     let continuity = shot.continuity();
     let reached = shot.reached();
     let uncut = WithoutCuts { outputs: layout.outputs, params: model.definition() };
     let gaps = shot.cost_of_gaps();
     let cut = uncut.of(estimate, gaps);
-    if stop(&cut.termination, observer).is_some() || cut.cost.is_none() {
+    if work.stop_after(&cut.termination).is_some() || cut.cost.is_none() {
         return shot.fitted(model, runs, cut, continuity);
     }
     // from where it is to begin it needs few iterations, or it cannot be done
     let iterations = POLISH.min(options.options.iterations);
     let few = FitOptions { options: Options { iterations, ..options.options.clone() }, ..options.clone() };
-    let polished = single_fit(model, runs, &reached, &few, observer)?;
+    let polished = single_fit(&Attempt { starts: &reached, options: &few, ..*attempt })?;
     if as_good(&polished.estimate, &cut) {
         let continuity = Continuity { largest_gap: 0.0, polished: true, ..continuity };
         return Ok(Fit { shooting: Some(continuity), ..polished });
     }
     if options.options.colour {
-        let estimate = shot.with_errors(options, observer)?;
+        let estimate = shot.with_errors(options, work)?;
         let gaps = shot.cost_of_gaps();
         let cut = uncut.of(estimate, gaps);
         return shot.fitted(model, runs, cut, continuity);
@@ -217,17 +213,17 @@ impl<'a> Shot<'a> {
     }
 
     /// Fits with gaps that are held ever tighter, until there are none.
-    fn rounds(&mut self, options: &FitOptions, observer: &mut dyn Observer) -> Result<Estimate, FitError> {
+    fn rounds(&mut self, options: &FitOptions, work: &Work<'_>) -> Result<Estimate, FitError> {
         let mut round = 1;
         loop {
             let options = self.options(options, false);
-            let estimate = estimate(&mut self.problem, &options, observer).map_err(FitError::Problem)?;
+            let estimate = estimate(&mut self.problem, &options, work).map_err(FitError::Problem)?;
             if estimate.runs.is_empty() {
                 self.gaps.iter_mut().flatten().for_each(|g| *g = f64::INFINITY);
                 return Ok(estimate);
             }
             self.take(&estimate);
-            let stopped = stop(&estimate.termination, observer).is_some() || round == MOST_ROUNDS;
+            let stopped = work.stop_after(&estimate.termination).is_some() || round == MOST_ROUNDS;
             if stopped || self.largest_gap() <= CONTINUOUS {
                 return Ok(estimate);
             }
@@ -237,9 +233,9 @@ impl<'a> Shot<'a> {
     }
 
     /// The last round once more, with the errors that were asked for.
-    fn with_errors(&mut self, options: &FitOptions, observer: &mut dyn Observer) -> Result<Estimate, FitError> {
+    fn with_errors(&mut self, options: &FitOptions, work: &Work<'_>) -> Result<Estimate, FitError> {
         let options = self.options(options, options.options.colour);
-        let estimate = estimate(&mut self.problem, &options, observer).map_err(FitError::Problem)?;
+        let estimate = estimate(&mut self.problem, &options, work).map_err(FitError::Problem)?;
         self.take(&estimate);
         Ok(estimate)
     }
@@ -447,7 +443,7 @@ fn segmented<'a>(
         measured[cut * width + sizes.outputs..][..sizes.states].fill(0.0);
     }
     let (name, samples) = (pieces.first().map_or_else(String::new, |p| p.name.clone()), measured.len() / width);
-    let response = Box::new(SegmentedResponse::new(segments, sizes, samples));
+    let response = RunResponse::in_time(SegmentedResponse::new(segments, sizes, samples));
     Ok(ProblemRun { name, response, measured, start: Vec::new() })
 }
 

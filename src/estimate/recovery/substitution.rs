@@ -4,11 +4,11 @@
 //! The response then depends on most parameters linearly, so that hardly any start is too poor; but noise enters through the
 //! equations, and the estimates of that first fit are biased by it.
 
-use crate::observer::Observer;
-use crate::output_error::error::{FitError, StrategyError};
-use crate::output_error::fit::Fit;
-use crate::output_error::options::FitOptions;
-use crate::output_error::single::{after, single_fit};
+use crate::methods::output_error::attempt::Attempt;
+use crate::methods::output_error::error::{FitError, StrategyError};
+use crate::methods::output_error::fit::Fit;
+use crate::methods::output_error::options::FitOptions;
+use crate::methods::output_error::single::single_fit;
 use crate::problem::Options;
 use fdm_grammar::diagnostic::nearest;
 use fdm_system::model::Model;
@@ -65,16 +65,12 @@ impl Substitution {
     ///
     /// # Errors
     /// As for [`fit`](crate::fit()).
-    pub(crate) fn first_fit(
-        &self,
-        starts: &[Vec<f64>],
-        options: &FitOptions,
-        observer: &mut dyn Observer,
-    ) -> Result<(Fit, Vec<Vec<f64>>), FitError> {
-        let inner = Options { colour: false, ..options.options.clone() };
-        let options = FitOptions { options: inner, ..options.clone() };
-        let fit = single_fit(&self.model, &self.runs, starts, &options, observer)?;
-        let starts = after(&self.model, &self.runs, &fit.estimate, starts);
+    pub(crate) fn first_fit(&self, full: &Attempt<'_>) -> Result<(Fit, Vec<Vec<f64>>), FitError> {
+        let inner = Options { colour: false, ..full.options.options.clone() };
+        let options = FitOptions { options: inner, ..full.options.clone() };
+        let first = Attempt { model: &self.model, runs: &self.runs, options: &options, ..*full };
+        let fit = single_fit(&first)?;
+        let starts = first.reached(&fit.estimate);
         Ok((fit, starts))
     }
 }

@@ -13,7 +13,7 @@ mod distribution;
 mod input_correlation;
 pub(crate) mod noise_variation;
 mod output_fit;
-mod unexplained;
+mod residual;
 mod whiteness;
 
 pub use analysis::{OutputQuality, Signals, residual_quality, run_quality};
@@ -23,5 +23,5 @@ pub use distribution::Distribution;
 pub use input_correlation::InputCorrelation;
 pub use noise_variation::{Cause, NoiseVariation, Trend};
 pub use output_fit::{OutputFit, TicParts};
-pub use unexplained::Unexplained;
+pub use residual::{add_squares, compared, residuals};
 pub use whiteness::{ResidualSpectrum, RunsTest, Untested, Whiteness};

@@ -12,13 +12,12 @@
 
 use super::cramer_rao::CramerRao;
 use super::model_averaged::ShortRuns;
-use super::sandwich::{Corrected, NoiseColour, Sandwich, Uncorrected};
+use super::sandwich::{Corrected, Ended, NoiseColour, Sandwich, Uncorrected};
 use super::sensitivity_rows::{Colour, Filtered, SensitivityRows, sampling};
-use crate::iteration::priors::PriorRow;
+use crate::problem::response::RunResponse;
 use crate::problem::{Problem, ProblemRun};
 use crate::residuals::autocovariance::Lagged;
 use crate::residuals::autoregression::{self, AutoRegression, LevinsonDurbin};
-use crate::unknowns::Unknowns;
 use fdm_numeric::dense::multiply_add;
 use fdm_numeric::statistics::chi_squared_tail;
 use fdm_system::record::even_grid::EvenGrid;
@@ -47,22 +46,15 @@ const MOST_PRODUCTS: f64 = 2e9;
 ///
 /// # Errors
 /// [`Uncorrected`] when that is not possible.
-pub(crate) fn corrected(
+pub(super) fn corrected(
     problem: &mut Problem<'_>,
-    unknowns: &Unknowns,
-    values: &[f64],
-    bound: &CramerRao,
-    priors: impl Iterator<Item = PriorRow>,
+    ended: &Ended<'_>,
 ) -> Result<(Corrected, Vec<SensitivityRows>), Uncorrected> {
-    let noise = bound.noise.as_ref().ok_or(Uncorrected::NoDegreesOfFreedom)?;
-    if bound.inverse.chosen.is_empty() {
-        // all at their bounds, or without any effect
-        return Err(Uncorrected::NoDegreesOfFreedom);
-    }
-    let sandwich = Sandwich { unknowns, bound };
+    let Ended { sandwich, noise, values, .. } = *ended;
+    let bound = sandwich.bound;
     let runs = rows(problem, &sandwich, values)?;
     let inverse_noise = noise.inverse();
-    let prior = sandwich.prior(priors);
+    let prior = ended.prior();
     let short = ShortRuns::of(&runs, &sandwich, noise, &prior)?;
     let mut long: Vec<LongRun> =
         (0..runs.len()).filter(|r| runs[*r].is_long()).map(|r| LongRun::new(r, &runs)).collect();
@@ -108,22 +100,16 @@ pub(crate) fn corrected(
                 colours.extend(short.report(problem, &noise.covariance));
             }
             // the noise of a surcharge is one that is estimated
-            let declared = problem.runs.iter().all(|run| run.response.surcharge().is_none());
+            let declared = !problem.runs.iter().any(|run| matches!(run.response, RunResponse::Standardised(_)));
             if declared && is_as_declared(&runs, bound, &colours) {
                 let values = bound.inverse.values.clone();
-                return Ok((
-                    Corrected { values, colours, spectral: Vec::new(), freedom: Vec::new(), unbiased: None },
-                    runs,
-                ));
+                return Ok((Corrected { colours, ..Corrected::of(values) }, runs));
             }
             let mut freedom = known_by(&long, &runs, &sandwich, &inverse_noise, &covariance);
             if let Some(short) = &short {
                 short.settle(&sandwich, &others, &mut covariance, &mut freedom)?;
             }
-            return Ok((
-                Corrected { values: covariance, colours, spectral: Vec::new(), freedom, unbiased: None },
-                runs,
-            ));
+            return Ok((Corrected { colours, freedom, ..Corrected::of(covariance) }, runs));
         }
     }
     Err(Uncorrected::NotFinite)

@@ -8,7 +8,7 @@ use fdm_system::record::even_grid::EvenGrid;
 use nalgebra::DMatrix;
 
 fn solve(problem: &mut Problem<'_>, options: &Options) -> Estimate {
-    estimate(problem, options, &mut ()).expect("a possible problem")
+    estimate(problem, options, &Work::default()).expect("a possible problem")
 }
 
 /// The autoregression of this order with the autocovariances of a known one.

@@ -2,7 +2,7 @@
 //! freedom that fitting took (Maine and Iliff, NASA RP-1168, 1986).
 
 use crate::iteration::likelihood::LikelihoodSteps;
-use crate::noise::Weights;
+use crate::problem::noise::Weights;
 use crate::uncertainty::bounds::{Held, opened};
 use crate::uncertainty::leverage::leverages;
 use fdm_numeric::least_squares::ACCURATE;

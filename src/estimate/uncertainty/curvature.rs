@@ -10,8 +10,8 @@
 use super::cramer_rao::CramerRao;
 use super::sandwich::Corrected;
 use crate::iteration::likelihood::LikelihoodCost;
-use crate::observer::Observer;
 use crate::uncertainty::parameters::quantile;
+use crate::work::Work;
 use fdm_numeric::elementary::{exp, log};
 use fdm_numeric::least_squares::Problem as _;
 use fdm_numeric::quadratic::Quadratic;
@@ -103,7 +103,7 @@ struct Side {
 impl Neighbourhood<'_, '_, '_, '_> {
     /// The intervals that do not hold, or say too little, of the two parameters that are most likely to have such. `logarithmic` says which unknowns have
     /// intervals that are even in their logarithm. Takes a dozen responses with sensitivities at most where there is none.
-    pub(crate) fn curved(&mut self, logarithmic: impl Fn(usize) -> bool, observer: &mut dyn Observer) -> Vec<Curved> {
+    pub(crate) fn curved(&mut self, logarithmic: impl Fn(usize) -> bool, work: &Work<'_>) -> Vec<Curved> {
         if self.bound.noise.is_none() {
             return Vec::new();
         }
@@ -111,7 +111,7 @@ impl Neighbourhood<'_, '_, '_, '_> {
             looked_at(self.values, self.bound).into_iter().map(|k| self.line(k, &logarithmic)).collect();
         let mut found = Vec::new();
         for line in lines.iter().filter(|line| line.error.is_finite() && line.error > 0.0) {
-            if observer.stopped().is_some() {
+            if !work.goes_on() {
                 break;
             }
             found.extend(self.curved_along(line));

@@ -116,29 +116,6 @@ impl Flicker {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::{Cholesky, DMatrix};
-
-    #[test]
-    fn factors_are_those_of_the_covariance() {
-        let moments: [f64; 7] = [0.0, 0.5, 0.6, 2.0, 2.1, 7.0, 7.5];
-        let n = moments.len();
-        let columns: Vec<f64> = (0..2 * n).map(|k| (0.7 * k as f64).sin() + 0.1 * k as f64).collect();
-        for white in [0.0, 0.4] {
-            let noise = Flicker::new([0.2, 30.0], white, Clock::Time);
-            let covariance = DMatrix::from_fn(n, n, |i, j| noise.correlation((moments[i] - moments[j]).abs()));
-            let factor = Cholesky::new(covariance.clone()).expect("regular").l();
-            let dense = DMatrix::from_row_slice(n, 2, &columns);
-            let (mut through, mut back) = (columns.clone(), columns.clone());
-            let logarithm = noise.whiten(&moments, &mut through, 2);
-            assert!((logarithm - covariance.determinant().ln()).abs() < 1e-9, "{logarithm}");
-            noise.transpose(&moments, &mut back, 2);
-            let want = [factor.clone().try_inverse().expect("regular") * &dense, factor.transpose() * &dense];
-            for (got, want) in [through, back].iter().zip(&want) {
-                let got = DMatrix::from_row_slice(n, 2, got);
-                assert!((&got - want).amax() < 1e-9 * want.amax(), "{got} {want}");
-            }
-        }
-    }
 
     #[test]
     fn each_octave_has_the_same_power() {

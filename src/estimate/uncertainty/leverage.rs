@@ -3,7 +3,7 @@
 
 use crate::iteration::likelihood::LikelihoodSteps;
 use crate::iteration::sums::{Group, Sums};
-use crate::unknowns::Unknowns;
+use crate::problem::unknowns::Unknowns;
 use fdm_numeric::quadratic::Inverse;
 
 /// The sum of the leverages of each output (q), by the sums of the last linearisation. `factors` weigh the outputs, `inverse` with `scale` is the

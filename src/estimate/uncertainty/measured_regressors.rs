@@ -11,7 +11,7 @@
 
 use super::sandwich::Sandwich;
 use super::spectral_rows::SpectralRows;
-use crate::noise::Weights;
+use crate::problem::noise::Weights;
 use crate::problem::{NoiseShift, Problem, RegressorNoise, Slopes};
 use fdm_numeric::quadratic::Inverse;
 use nalgebra::{Cholesky, DMatrix, DVector};

@@ -1,22 +1,26 @@
 //! What is known about the estimates: covariance, standard errors, intervals, and what the data do not determine.
 //!
 //! **In** the quadratic and the residuals at the end of an iteration. **Out** Cramer-Rao bounds ([`cramer_rao`]), directions that are not identifiable
-//! ([`identifiability`]), covariances corrected for the noise as it really is ([`sandwich`]): known beforehand, coloured in long runs ([`coloured`]), averaged
+//! ([`identifiability`]), covariances corrected for the noise as it really is ([`sandwich`], chosen in [`correction`]): known beforehand ([`known_noise`]), coloured in long runs ([`coloured`]), averaged
 //! over noise models in short ones ([`model_averaged`]), beside parameters at their bounds ([`bounds`]), in spectra ([`spectra`], with noise in measured regressors,
 //! whose bias is removed, and a test of their colour in [`spectral_colour`]), of a size that varies ([`varying_noise`]); intervals that the likelihood contradicts ([`curvature`]); and the table of
 //! the parameters ([`parameters`]).
 
 mod arrow;
 pub(super) mod bounds;
-pub(super) mod coloured;
+mod coloured;
 #[cfg(test)]
 mod coloured_tests;
+pub(super) mod correction;
 pub(super) mod cramer_rao;
 pub(super) mod curvature;
 mod flicker;
 mod gauss_markov;
 pub(super) mod identifiability;
+pub(super) mod information;
+mod known_noise;
 mod leverage;
+pub(super) mod lost_unknowns;
 mod measured_regressors;
 mod model_averaged;
 mod noise_candidates;
@@ -26,9 +30,9 @@ mod prior_tests;
 mod restricted_likelihood;
 pub(super) mod sandwich;
 pub(super) mod sensitivity_rows;
-pub(super) mod spectra;
+mod spectra;
 pub(super) mod spectral_colour;
 mod spectral_rows;
-pub(super) mod varying_noise;
+mod varying_noise;
 #[cfg(test)]
 mod varying_noise_tests;

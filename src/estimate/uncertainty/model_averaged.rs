@@ -12,8 +12,8 @@ use super::restricted_likelihood::{
 };
 use super::sandwich::{NoiseColour, PriorInformation, Sandwich, Uncorrected, between};
 use super::sensitivity_rows::SensitivityRows;
-use crate::noise::Weights;
 use crate::problem::Problem;
+use crate::problem::noise::Weights;
 use crate::residuals::autoregression::{AutoRegression, LevinsonDurbin};
 use fdm_numeric::quadratic::Inverse;
 use fdm_numeric::statistics::Student;

@@ -128,3 +128,48 @@ pub(super) fn log_prior(shares: &[f64], outputs: usize) -> Vec<f64> {
     let white = WHITE.powf(1.0 / outputs as f64);
     std::iter::once(white.ln()).chain(shares.iter().map(|share| ((1.0 - white) * share).ln())).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Cholesky, DMatrix};
+
+    #[test]
+    fn factors_are_those_of_the_covariance() {
+        let moments: [f64; 7] = [0.0, 0.5, 0.6, 2.0, 2.1, 7.0, 7.5];
+        let n = moments.len();
+        let columns: Vec<f64> = (0..2 * n).map(|k| (0.7 * k as f64).sin() + 0.1 * k as f64).collect();
+        let noise = |time_constant, angular, white| GaussMarkov {
+            time_constant,
+            angular,
+            smooth: false,
+            white,
+            clock: Clock::Time,
+        };
+        let gauss_markov = [
+            GaussMarkov::WHITE,
+            noise(1.3, 0.0, 0.0),
+            noise(0.4, 0.0, 0.3),
+            noise(50.0, 0.0, 0.6),
+            noise(3.0, 2.0, 0.0),
+            noise(0.7, 9.0, 0.3),
+            GaussMarkov { smooth: true, ..noise(1.3, 0.0, 0.0) },
+            GaussMarkov { smooth: true, ..noise(3.0, 2.0, 0.1) },
+        ];
+        let flicker = [0.0, 0.4].map(|white| NoiseModel::Flicker(Flicker::new([0.2, 30.0], white, Clock::Time)));
+        for noise in gauss_markov.map(NoiseModel::GaussMarkov).into_iter().chain(flicker) {
+            let covariance = DMatrix::from_fn(n, n, |i, j| noise.correlation((moments[i] - moments[j]).abs()));
+            let factor = Cholesky::new(covariance.clone()).expect("regular").l();
+            let dense = DMatrix::from_row_slice(n, 2, &columns);
+            let (mut white, mut back) = (columns.clone(), columns.clone());
+            let logarithm = noise.whiten(&moments, &mut white, 2);
+            assert!((logarithm - covariance.determinant().ln()).abs() < 1e-9, "{noise:?}: {logarithm}");
+            noise.transpose(&moments, &mut back, 2);
+            let want = [factor.clone().try_inverse().expect("regular") * &dense, factor.transpose() * &dense];
+            for (got, want) in [white, back].iter().zip(&want) {
+                let got = DMatrix::from_row_slice(n, 2, got);
+                assert!((&got - want).amax() < 1e-9 * want.amax(), "{noise:?}: {got} {want}");
+            }
+        }
+    }
+}

@@ -14,7 +14,7 @@ fn with_prior(name: &str, value: f64, mean: f64, deviation: f64) -> Param {
 }
 
 fn solve(problem: &mut Problem<'_>, noise: Noise) -> Estimate {
-    estimate(problem, &Options { noise, ..Options::default() }, &mut ()).expect("a possible problem")
+    estimate(problem, &Options { noise, ..Options::default() }, &Work::default()).expect("a possible problem")
 }
 
 fn close(got: f64, want: f64, tolerance: f64) {
@@ -131,8 +131,8 @@ fn impossible_priors_are_refused() {
     let data = || run("r", grid(10, 1.0), 1, LINE, &[1.0, 2.0], |_, _| 0.0);
     for (mean, deviation) in [(f64::NAN, 1.0), (1.0, 0.0), (1.0, -1.0), (1.0, f64::INFINITY)] {
         let params = vec![param("a", 0.0), with_prior("b", 0.0, mean, deviation)];
-        let refused =
-            estimate(&mut problem(params, vec![data()]), &Options::default(), &mut ()).expect_err("impossible");
+        let refused = estimate(&mut problem(params, vec![data()]), &Options::default(), &Work::default())
+            .expect_err("impossible");
         assert!(matches!(&refused[..], [ProblemError::BadPrior { parameter, .. }] if parameter == "b"), "{refused:?}");
     }
 }

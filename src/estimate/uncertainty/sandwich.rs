@@ -1,19 +1,41 @@
 //! Covariance of the estimates where the noise is not what the likelihood takes it for: `D M D`, D the Cramer-Rao covariance, `M = S' R^-1 Rvv R^-1 S`
-//! with the autocovariance Rvv that the noise really has (Maine and Iliff, NASA RP-1168, 1986; Morelli and Klein 1997); and M where Rvv is known.
+//! with the autocovariance Rvv that the noise really has (Maine and Iliff, NASA RP-1168, 1986; Morelli and Klein 1997).
 
 use super::cramer_rao::CramerRao;
 use super::spectral_colour::SpectralColour;
-use crate::iteration::priors::PriorRow;
-use crate::problem::{KnownNoise, Problem, ProblemRun};
+use crate::iteration::priors::{PriorRow, Priors};
+use crate::problem::noise::Weights;
+use crate::problem::unknowns::Unknowns;
 use crate::residuals::autoregression::AutoRegression;
-use crate::unknowns::Unknowns;
 use fdm_numeric::dense::{multiply, multiply_to_symmetric};
 use fdm_numeric::quadratic::Inverse;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
+/// An estimation that has ended, and how its unknowns stand in the covariance.
+pub(crate) struct Ended<'e> {
+    pub(crate) sandwich: Sandwich<'e>,
+    /// The noise that the likelihood takes.
+    pub(crate) noise: &'e Weights,
+    /// All unknowns.
+    pub(crate) values: &'e [f64],
+    /// The responses of all runs to them (N by q each).
+    pub(crate) responses: &'e [Vec<f64>],
+    pub(crate) priors: &'e Priors,
+    /// Whether it ended at a minimum.
+    pub(crate) good: bool,
+}
+
+impl Ended<'_> {
+    /// Prior information, which the noise does not touch.
+    pub(super) fn prior(&self) -> Vec<PriorInformation> {
+        self.sandwich.prior(self.priors.rows(self.values))
+    }
+}
+
 /// Where the columns of the runs stand among the unknowns.
+#[derive(Clone, Copy)]
 pub(crate) struct Sandwich<'f> {
     pub(crate) unknowns: &'f Unknowns,
     pub(crate) bound: &'f CramerRao,
@@ -35,8 +57,7 @@ impl Sandwich<'_> {
         self.places(run).into_iter().enumerate().map(norm).collect()
     }
 
-    /// Prior information, which the noise does not touch.
-    pub(crate) fn prior(&self, priors: impl Iterator<Item = PriorRow>) -> Vec<PriorInformation> {
+    fn prior(&self, priors: impl Iterator<Item = PriorRow>) -> Vec<PriorInformation> {
         let mut prior = Vec::new();
         for row in priors {
             let placed = |(j, entry): &(usize, f64)| {
@@ -170,6 +191,13 @@ pub struct NoiseColour {
     pub lag_one_correlation: f64,
 }
 
+impl Corrected {
+    /// Of which nothing but the covariance is known.
+    pub(super) fn of(values: Vec<f64>) -> Self {
+        Self { values, colours: Vec::new(), spectral: Vec::new(), freedom: Vec::new(), unbiased: None }
+    }
+}
+
 impl NoiseColour {
     pub(crate) fn new(output: String, runs: Vec<String>, interval: f64, model: &AutoRegression) -> Self {
         let r = model.autocovariances(1);
@@ -217,88 +245,6 @@ impl fmt::Display for Uncorrected {
 pub(crate) struct PriorInformation {
     pub(crate) place: (usize, usize),
     pub(crate) value: f64,
-}
-
-/// Corrects the covariance of a bound at `values`; of all runs the noise is known, and all have one output.
-///
-/// # Errors
-/// [`Uncorrected`] when that is not possible.
-pub(crate) fn corrected_known(
-    problem: &mut Problem<'_>,
-    unknowns: &Unknowns,
-    values: &[f64],
-    bound: &CramerRao,
-    priors: impl Iterator<Item = PriorRow>,
-) -> Result<Corrected, Uncorrected> {
-    let noise = bound.noise.as_ref().ok_or(Uncorrected::NoDegreesOfFreedom)?;
-    if bound.inverse.chosen.is_empty() {
-        return Err(Uncorrected::NoDegreesOfFreedom);
-    }
-    let sandwich = Sandwich { unknowns, bound };
-    let (mut middles, mut sizes) = (Vec::new(), (0.0, 0.0, 0));
-    for (r, run) in problem.runs.iter_mut().enumerate() {
-        let theta = unknowns.assembled(r, values);
-        let weight = |scale: f64| if scale > 0.0 { 1.0 / (scale * noise.covariance[0]) } else { 0.0 };
-        let weights: Vec<f64> = sandwich.scale(r).into_iter().map(weight).collect();
-        middles.push(middle(run, unknowns, &theta, &weights, &mut sizes)?);
-    }
-    let (found, expected, count) = sizes;
-    let freedom = (count as f64 - bound.inverse.chosen.len() as f64).max(1.0) / count as f64;
-    let growth = (found / (expected * freedom)).max(1.0);
-    middles.iter_mut().flatten().for_each(|v| *v *= growth);
-    let covariance = sandwich.covariance(&middles, &sandwich.prior(priors));
-    match covariance.iter().all(|v| v.is_finite()) {
-        true => Ok(Corrected {
-            values: covariance,
-            colours: Vec::new(),
-            spectral: Vec::new(),
-            freedom: Vec::new(),
-            unbiased: None,
-        }),
-        false => Err(Uncorrected::NotFinite),
-    }
-}
-
-/// `sum_ij s_i Rvv(i, j) s_j'` of one run, its columns multiplied by their weights (square). Adds up the squares of residuals and deviations, and
-/// their number.
-fn middle(
-    run: &mut ProblemRun<'_>,
-    unknowns: &Unknowns,
-    theta: &[f64],
-    weights: &[f64],
-    sizes: &mut (f64, f64, usize),
-) -> Result<Vec<f64>, Uncorrected> {
-    let width = weights.len();
-    let mut rows = vec![0.0; run.response.samples() * width];
-    let measured = &run.measured;
-    let streamed = run.response.sensitivities(theta, &unknowns.columns, &mut |block| {
-        for sample in 0..block.samples() {
-            sizes.0 += (measured[block.first + sample] - block.y[sample]).powi(2);
-            let row = &mut rows[(block.first + sample) * width..][..width];
-            for (c, value) in block.layout.outputs[0].columns.iter().zip(block.row(sample, 0)) {
-                row[*c as usize] = value * weights[*c as usize];
-            }
-        }
-    });
-    streamed.map_err(|_| Uncorrected::NotFinite)?;
-    let KnownNoise { deviations, correlations } = run.response.known_noise().ok_or(Uncorrected::NotFinite)?;
-    sizes.1 += deviations.iter().map(|d| d * d).sum::<f64>();
-    sizes.2 += deviations.len();
-    let mut middle = vec![0.0; width * width];
-    let mut add = |i: usize, j: usize, covariance: f64| {
-        let (left, right) = (&rows[i * width..][..width], &rows[j * width..][..width]);
-        for (to, left) in middle.chunks_exact_mut(width).zip(left) {
-            to.iter_mut().zip(right).for_each(|(to, right)| *to += covariance * left * right);
-        }
-    };
-    deviations.iter().enumerate().for_each(|(i, d)| add(i, i, d * d));
-    for (i, j, correlation) in correlations {
-        let (i, j) = (*i as usize, *j as usize);
-        let covariance = correlation * deviations[i] * deviations[j];
-        add(i, j, covariance);
-        add(j, i, covariance);
-    }
-    Ok(middle)
 }
 
 #[cfg(test)]

@@ -2,9 +2,9 @@
 
 use crate::iteration::products::accumulate as accumulate_products;
 use crate::problem::ProblemRun;
+use crate::problem::unknowns::Unknowns;
 use crate::residuals::autocovariance::add_lagged_products;
 use crate::residuals::autoregression::AutoRegression;
-use crate::unknowns::Unknowns;
 use fdm_numeric::lanes::{Simd, WithSimd, accumulate, dispatch, widest};
 use fdm_system::record::even_grid::EvenGrid;
 use fdm_system::simulate::{Block, Divergence};

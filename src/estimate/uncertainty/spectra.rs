@@ -7,14 +7,11 @@
 //! `2 sum_o 2/v(o) (A(o) - A(o) D A(o))`, A the information of one output, v the degrees of freedom of its noise (Kenward and Roger 1997).
 
 use super::bounds::stay;
-use super::cramer_rao::CramerRao;
 use super::measured_regressors::RegressorEffect;
-use super::sandwich::{Corrected, Sandwich, Uncorrected};
+use super::sandwich::{Corrected, Ended, Sandwich, Uncorrected};
 use super::spectral_colour::SpectralColour;
 use super::spectral_rows::{Power, SpectralRows, independent, reach};
-use crate::iteration::priors::PriorRow;
 use crate::problem::{Problem, ProblemRun};
-use crate::unknowns::Unknowns;
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
@@ -22,19 +19,10 @@ use rayon::prelude::*;
 ///
 /// # Errors
 /// [`Uncorrected`] when that is not possible.
-pub(crate) fn corrected_spectra(
-    problem: &mut Problem<'_>,
-    unknowns: &Unknowns,
-    values: &[f64],
-    bound: &CramerRao,
-    priors: impl Iterator<Item = PriorRow>,
-) -> Result<Corrected, Uncorrected> {
-    let noise = bound.noise.as_ref().ok_or(Uncorrected::NoDegreesOfFreedom)?;
-    if bound.inverse.chosen.is_empty() {
-        return Err(Uncorrected::NoDegreesOfFreedom);
-    }
+pub(super) fn corrected_spectra(problem: &mut Problem<'_>, ended: &Ended<'_>) -> Result<Corrected, Uncorrected> {
+    let Ended { sandwich, noise, values, .. } = *ended;
+    let Sandwich { unknowns, bound } = sandwich;
     let (q, inverse_noise) = (problem.outputs.len(), noise.inverse());
-    let sandwich = Sandwich { unknowns, bound };
     let NoiseByFrequency { runs, taken, mut power } = noise_by_frequency(problem, &sandwich, values)?;
     let colour = |(o, name): (usize, &String)| SpectralColour::of(name, o, &runs, &taken);
     let spectral = problem.outputs.iter().enumerate().filter_map(colour).collect();
@@ -43,7 +31,7 @@ pub(crate) fn corrected_spectra(
     let part = |o: usize| regressors.as_ref().map_or(1.0, |r| r.parts[o]);
     power.settle(|o| 2.0 * part(o) * noise.covariance[o * q + o]);
     let middles: Result<Vec<_>, _> = runs.par_iter().map(|run| run.middle(&power, &inverse_noise)).collect();
-    let mut middle = sandwich.gather(&middles?, &sandwich.prior(priors));
+    let mut middle = sandwich.gather(&middles?, &ended.prior());
     let added = estimated_weights(&runs, &sandwich, &inverse_noise);
     middle.iter_mut().zip(&added).for_each(|(m, a)| *m += a);
     if let Some(regressors) = &regressors {
@@ -68,7 +56,7 @@ pub(crate) fn corrected_spectra(
     }
     let places: Vec<Vec<f64>> = runs.iter().enumerate().map(|(r, run)| sandwich.columns(r, run.width)).collect();
     let freedom = freedom(&runs, &power, &inverse_noise, &places, covariance.len().isqrt());
-    Ok(Corrected { values: covariance, colours: Vec::new(), spectral, freedom, unbiased })
+    Ok(Corrected { spectral, freedom, unbiased, ..Corrected::of(covariance) })
 }
 
 /// What the residuals of spectra say of their noise.

@@ -2,7 +2,8 @@
 
 use super::sandwich::{Sandwich, Uncorrected};
 use crate::problem::ProblemRun;
-use crate::unknowns::Unknowns;
+use crate::problem::response::RunResponse;
+use crate::problem::unknowns::Unknowns;
 use fdm_system::simulate::Block;
 use fdm_system::spectrum::Overlap;
 use num_complex::Complex64;
@@ -27,25 +28,27 @@ impl SpectralRows {
         theta: &[f64],
         scale: &[f64],
     ) -> Result<Self, Uncorrected> {
-        let (n, q, width) = (run.response.samples(), run.response.outputs(), scale.len().next_multiple_of(8));
+        let RunResponse::Coefficients(response) = &mut run.response else { return Err(Uncorrected::NotFinite) };
+        let (n, q, width) = (response.samples(), response.outputs(), scale.len().next_multiple_of(8));
         let count = n / 2;
+        let coefficients = response.coefficients();
         let mut rows = Self {
-            omega: Vec::new(),
-            samples: 0,
-            dt: 0.0,
+            omega: coefficients.omega.to_vec(),
+            samples: coefficients.samples,
+            dt: coefficients.dt,
             width,
             planes: vec![Complex64::ZERO; q * width * count],
             residuals: vec![Complex64::new(f64::NAN, f64::NAN); q * count],
         };
         let measured = &run.measured;
-        let streamed = run.response.sensitivities(theta, &unknowns.columns, &mut |block: Block<'_>| {
+        let streamed = response.sensitivities(theta, &unknowns.columns, &mut |block: Block<'_>| {
             for (sample, o) in (0..block.samples()).flat_map(|s| (0..q).map(move |o| (s, o))) {
                 let at = block.first + sample;
-                let (k, z) = (at / 2, measured[at * q + o]);
-                if z.is_nan() {
+                let k = at / 2;
+                if measured[at * q + o].is_nan() {
                     continue;
                 }
-                set(&mut rows.residuals[o * count + k], at, z - block.y[sample * q + o]);
+                set(&mut rows.residuals[o * count + k], at, block.residual(measured, sample, o));
                 for (c, value) in block.layout.outputs[o].columns.iter().zip(block.row(sample, o)) {
                     let c = *c as usize;
                     if scale[c] > 0.0 {
@@ -55,8 +58,6 @@ impl SpectralRows {
             }
         });
         streamed.map_err(|_| Uncorrected::NotFinite)?;
-        let coefficients = run.response.coefficients().ok_or(Uncorrected::NotFinite)?;
-        (rows.omega, rows.samples, rows.dt) = (coefficients.omega.to_vec(), coefficients.samples, coefficients.dt);
         Ok(rows)
     }
 

@@ -1,18 +1,14 @@
 //! Errors where the size of the noise varies (heteroscedasticity; White 1980): `D S' R^-1 G C G R^-1 S D` with the deviation G of each sample over the mean one
 //! ([`noise_variation`]) and the correlations C of the residuals over G. What G does to each error is a factor on the one that is corrected for colour.
 
-use super::cramer_rao::CramerRao;
-use super::sandwich::{Corrected, PriorInformation, Sandwich, Uncorrected};
+use super::sandwich::{Corrected, Ended, PriorInformation, Sandwich, Uncorrected};
 use super::sensitivity_rows::{Colour, SensitivityRows};
 use super::spectra::{NoiseByFrequency, noise_by_frequency};
-use crate::iteration::priors::PriorRow;
-use crate::noise::Weights;
-use crate::observer::Observer;
+use crate::problem::noise::Weights;
 use crate::problem::{Problem, ProblemRun};
 use crate::residuals::NoiseVariation;
 use crate::residuals::autoregression::{self, AutoRegression};
 use crate::residuals::noise_variation::{self, OutputSeries};
-use crate::unknowns::Unknowns;
 use num_complex::Complex64;
 
 /// Probability of chance, without leverage, above which noise is not looked at more closely.
@@ -23,16 +19,14 @@ const DOUBTFUL: f64 = 0.1;
 ///
 /// # Errors
 /// [`Uncorrected`] when the errors would have to be changed and cannot.
-pub(crate) fn allow(
+pub(super) fn allow(
     problem: &Problem<'_>,
-    responses: &[Vec<f64>],
+    ended: &Ended<'_>,
     runs: &[SensitivityRows],
-    sandwich: &Sandwich<'_>,
-    priors: impl Iterator<Item = PriorRow>,
     corrected: &mut Corrected,
 ) -> Result<Vec<NoiseVariation>, Uncorrected> {
+    let Ended { sandwich, noise, responses, .. } = *ended;
     let bound = sandwich.bound;
-    let Some(noise) = &bound.noise else { return Ok(Vec::new()) };
     let mut outputs = series(problem, responses, runs);
     let found = noise_variation::test(&outputs);
     if found.iter().all(|v| v.p_value > DOUBTFUL) {
@@ -59,8 +53,8 @@ pub(crate) fn allow(
         }
     }
     if found.iter().any(NoiseVariation::is_significant) {
-        let prior = sandwich.prior(priors);
-        let [plain, varying] = variances(sandwich, runs, &shapes, noise, &prior);
+        let prior = ended.prior();
+        let [plain, varying] = variances(&sandwich, runs, &shapes, noise, &prior);
         multiply(corrected, &plain, &varying)?;
     }
     Ok(found)
@@ -87,21 +81,20 @@ const MOST_TERMS: usize = 1 << 30;
 ///
 /// # Errors
 /// As [`allow`].
-pub(crate) fn allow_spectra(
+pub(super) fn allow_spectra(
     problem: &mut Problem<'_>,
-    unknowns: &Unknowns,
-    values: &[f64],
-    bound: &CramerRao,
+    ended: &Ended<'_>,
     corrected: &mut Corrected,
-    observer: &mut dyn Observer,
 ) -> Result<Vec<NoiseVariation>, Uncorrected> {
-    let (Some(noise), Some(in_time)) = (&bound.noise, &problem.noise_in_time) else { return Ok(Vec::new()) };
+    let Ended { sandwich, noise, values, .. } = *ended;
+    let Sandwich { unknowns, bound } = sandwich;
+    let Some(in_time) = &problem.noise_in_time else { return Ok(Vec::new()) };
     let theta: Vec<Vec<f64>> = (0..problem.runs.len()).map(|r| unknowns.assembled(r, values)).collect();
-    let Some(sizes) = in_time.sizes(&theta, observer) else { return Ok(Vec::new()) };
+    let Some(sizes) = in_time.sizes(&theta) else { return Ok(Vec::new()) };
     if !sizes.variation.iter().any(NoiseVariation::is_significant) {
         return Ok(sizes.variation);
     }
-    let (sandwich, inverse_noise) = (Sandwich { unknowns, bound }, noise.inverse());
+    let inverse_noise = noise.inverse();
     let NoiseByFrequency { runs, mut power, .. } = noise_by_frequency(problem, &sandwich, values)?;
     let (n, q) = (bound.inverse.chosen.len(), problem.outputs.len());
     power.settle(|o| 2.0 * noise.covariance[o * q + o]);

@@ -41,7 +41,8 @@ fn held(
             })
         });
         let params = ["a", "b", "c", "d"].iter().zip(TRUTH).map(|(name, value)| param(name, value)).collect();
-        let fit = estimate(&mut problem(params, data.collect()), &Options::default(), &mut ()).expect("a problem");
+        let fit =
+            estimate(&mut problem(params, data.collect()), &Options::default(), &Work::default()).expect("a problem");
         assert!(fit.is_good(), "{}", fit.termination);
         told += usize::from(fit.noise_variation.iter().any(NoiseVariation::is_significant));
         for (p, truth) in fit.parameters.iter().zip(TRUTH) {

@@ -7,7 +7,7 @@
 use super::manoeuvre::{Kept, run, survey, within_limits};
 use super::plan::{STOPPED, excursions, known};
 use super::question::{Asked, Question};
-use fdm_estimate::{Changes, FitOptions, ResidualVector, changed};
+use fdm_estimate::{Changes, FitOptions, Halt, ResidualVector, changed};
 use fdm_numeric::parallel;
 use fdm_results::documents::design::{Distinction, Manoeuvre, Separation};
 use fdm_system::Model;
@@ -39,7 +39,7 @@ type Told = Kept<[Distance; 2]>;
 ///
 /// # Errors
 /// Everything that makes it impossible, one sentence each.
-pub fn between_while(rivals: &Rivals<'_>, goes_on: &(dyn Fn() -> bool + Sync)) -> Result<Distinction, Vec<String>> {
+pub fn between(rivals: &Rivals<'_>, halt: &Halt) -> Result<Distinction, Vec<String>> {
     let question = &rivals.first;
     let mut wrong: Vec<String> = Vec::new();
     for one in [question, &rivals.second] {
@@ -60,7 +60,7 @@ pub fn between_while(rivals: &Rivals<'_>, goes_on: &(dyn Fn() -> bool + Sync)) -
     let before = |q: &Question<'_>| known(q).map(|i| i.matrix().clone()).map_err(|e| vec![e.to_string()]);
     // who follows, by who is true
     let before = [before(&rivals.second)?, before(question)?];
-    let one = |m: &Manoeuvre| match goes_on() {
+    let one = |m: &Manoeuvre| match halt.goes_on() {
         true => within_limits(question, m, |m| tell(rivals, m)),
         false => Err(STOPPED.into()),
     };

@@ -10,10 +10,10 @@ mod manoeuvre;
 mod plan;
 mod question;
 
-pub use between::{Rivals, between_while};
+pub use between::{Rivals, between};
 pub use fdm_results::documents::design::{Design, Distinction, Gain, Manoeuvre, Outlook, Separation, Step};
 pub use manoeuvre::table;
-pub use plan::{design, design_while};
+pub use plan::design;
 pub use question::{Asked, Question};
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use super::manoeuvre::{Kept, run, survey, within_limits};
 use super::question::Question;
-use fdm_estimate::{Information, Silence};
+use fdm_estimate::{Halt, Information, NoInformation};
 use fdm_numeric::parallel;
 use fdm_results::documents::design::{Design, Gain, Manoeuvre, Outlook, Step};
 
@@ -16,24 +16,16 @@ struct Told {
     excursions: Vec<f64>,
 }
 
-/// Answers a question.
+/// Answers a question; manoeuvres that have not been looked at when the work is to end are left out.
 ///
 /// # Errors
 /// Everything that makes it impossible, one sentence each.
-pub fn design(question: &Question<'_>) -> Result<Design, Vec<String>> {
-    design_while(question, &|| true)
-}
-
-/// Answers a question; manoeuvres that have not been looked at when `goes_on` says no are left out.
-///
-/// # Errors
-/// As [`design`].
-pub fn design_while(question: &Question<'_>, goes_on: &(dyn Fn() -> bool + Sync)) -> Result<Design, Vec<String>> {
+pub fn design(question: &Question<'_>, halt: &Halt) -> Result<Design, Vec<String>> {
     question.examine().map_err(|all| all.iter().map(ToString::to_string).collect::<Vec<_>>())?;
     let now = known(question).map_err(|e| vec![e.to_string()])?;
     let (mut told, mut lost) = (Vec::new(), Vec::new());
     let manoeuvres = survey(question);
-    let one = |m: &Manoeuvre| match goes_on() {
+    let one = |m: &Manoeuvre| match halt.goes_on() {
         true => within_limits(question, m, |m| tell(question, m)),
         false => Err(STOPPED.into()),
     };
@@ -69,7 +61,7 @@ pub fn design_while(question: &Question<'_>, goes_on: &(dyn Fn() -> bool + Sync)
 }
 
 /// What the runs so far tell.
-pub(super) fn known(question: &Question<'_>) -> Result<Information, Silence> {
+pub(super) fn known(question: &Question<'_>) -> Result<Information, NoInformation> {
     let prior = Information::prior(question.model);
     if question.known.is_empty() {
         return Ok(prior);

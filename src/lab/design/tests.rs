@@ -1,6 +1,7 @@
 //! Designs whose answers are known.
 
 use super::*;
+use fdm_estimate::{Halt, Work};
 use fdm_system::Model;
 use fdm_system::record::Run;
 
@@ -39,7 +40,7 @@ fn the_input_that_was_not_moved_is_the_next_one_to_move() {
     };
     let asked = question(&model);
     let known = vec![(run, asked.theta.clone())];
-    let found = design(&Question { known, ..asked }).unwrap();
+    let found = design(&Question { known, ..asked }, &Halt::default()).unwrap();
     let h = &found.outlook[2];
     assert_eq!((h.parameter.as_str(), h.now), ("h", None));
     assert!(found.undetermined_now[0].sentence.contains("`h`"));
@@ -56,7 +57,7 @@ fn what_no_input_moves_stays_unknown_and_is_said() {
     let text = "model m { input u; state x = 0; param a = 2, b = 3; der(x) = a*b*u - x; output y = x; }";
     let model = Model::from_text("m.fdm", text).unwrap();
     let asked = question(&model);
-    let found = design(&Question { rest: vec![0.0], heights: vec![Some(1.0)], ..asked }).unwrap();
+    let found = design(&Question { rest: vec![0.0], heights: vec![Some(1.0)], ..asked }, &Halt::default()).unwrap();
     assert!(found.undetermined_then[0].sentence.contains("`a`"), "{:?}", found.undetermined_then);
     assert!(found.outlook.iter().all(|o| o.best.is_none() && o.then == [None, None]));
 }
@@ -66,7 +67,9 @@ fn runs_that_leave_all_bounds_are_told_and_left_out() {
     let text = "model m { input u; state x = 0.1; param k = 1; der(x) = k*x^3 + u^2; output y = x; }";
     let model = Model::from_text("m.fdm", text).unwrap();
     let asked = question(&model);
-    let found = design(&Question { rest: vec![0.0], heights: vec![Some(9.0)], duration: 2.0, ..asked }).unwrap();
+    let found =
+        design(&Question { rest: vec![0.0], heights: vec![Some(9.0)], duration: 2.0, ..asked }, &Halt::default())
+            .unwrap();
     assert!(!found.lost.is_empty() && found.lost[0].1.contains("runs away"), "{:?}", found.lost.first());
 }
 
@@ -75,7 +78,8 @@ fn impossible_questions_are_refused_with_all_reasons() {
     let model = Model::from_text("m.fdm", TEXT).unwrap();
     let asked = question(&model);
     let heights = vec![None, None];
-    let said = design(&Question { heights, dt: 9.0, deviations: vec![f64::NAN], ..asked }).unwrap_err();
+    let said =
+        design(&Question { heights, dt: 9.0, deviations: vec![f64::NAN], ..asked }, &Halt::default()).unwrap_err();
     assert_eq!(said.len(), 3, "{said:?}");
     assert!(
         said[0].contains("--amplitude u=VALUE") && said[1].contains("2 samples") && said[2].contains("noise of `y`")
@@ -95,7 +99,7 @@ fn single(model: &Model) -> Question<'_> {
 fn expected_odds_are_those_of_the_fit_of_the_wrong_model() {
     let (linear, cubic) = (Model::from_text("l.fdm", LINEAR).unwrap(), Model::from_text("c.fdm", CUBIC).unwrap());
     let rivals = Rivals { first: single(&linear), second: single(&cubic) };
-    let found = between_while(&rivals, &|| true).unwrap();
+    let found = between(&rivals, &Halt::default()).unwrap();
     assert_eq!(found.models, ["linear", "cubic"]);
     let best = &found.separations[0];
     // the linear one, inside the cubic one, can always be followed
@@ -111,7 +115,7 @@ fn expected_odds_are_those_of_the_fit_of_the_wrong_model() {
     simulator.simulate(&rivals.second.theta, &mut response).unwrap();
     run.measured = response;
     let options = fdm_estimate::FitOptions::default().with_declared_noise(&linear);
-    let fit = fdm_estimate::fit(&linear, &[run], &options, &mut ()).unwrap();
+    let fit = fdm_estimate::fit(&linear, &[run], &options, &Work::default()).unwrap();
     let residuals = &fit.estimate.runs[0].residuals;
     let half: f64 = residuals.iter().map(|r| 0.5 * (r / 0.01_f64).powi(2)).sum();
     assert!((half - best.log_odds[1]).abs() < 0.1 * half, "{half} {best:?}");
@@ -123,15 +127,15 @@ fn expected_odds_are_those_of_the_fit_of_the_wrong_model() {
 fn limits_make_manoeuvres_smaller_and_rates_make_ramps() {
     let (linear, cubic) = (Model::from_text("l.fdm", LINEAR).unwrap(), Model::from_text("c.fdm", CUBIC).unwrap());
     let limited = Question { limits: vec![Some(0.8)], rates: vec![Some(0.5)], ..single(&linear) };
-    let found = between_while(&Rivals { first: limited.clone(), second: single(&cubic) }, &|| true).unwrap();
+    let found = between(&Rivals { first: limited.clone(), second: single(&cubic) }, &Halt::default()).unwrap();
     assert!(found.separations.iter().all(|s| s.excursions[0] <= 0.8));
-    let step = design(&limited).unwrap();
+    let step = design(&limited, &Halt::default()).unwrap();
     assert!(step.gains.iter().all(|g| g.excursions[0] <= 0.8) && step.gains.iter().any(|g| g.manoeuvre.height < 1.0));
     let run = manoeuvre::run(&limited, &found.separations[0].manoeuvre).unwrap();
     let fastest = run.inputs.windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max);
     assert!(fastest <= 0.5 * 0.05 + 1e-12, "{fastest}");
     let hopeless = Question { limits: vec![Some(1e-6)], ..single(&linear) };
-    let found = design(&hopeless).unwrap();
+    let found = design(&hopeless, &Halt::default()).unwrap();
     assert!(found.gains.is_empty() && found.lost[0].1.contains("and may by"), "{:?}", found.lost[0]);
 }
 
@@ -139,6 +143,6 @@ fn limits_make_manoeuvres_smaller_and_rates_make_ramps() {
 fn models_that_show_other_things_cannot_be_told_apart() {
     let other = "model other { input w; state x = 0; param k = 2; der(x) = w - k*x; output y = x; noise y = 0.01; }";
     let (linear, other) = (Model::from_text("l.fdm", LINEAR).unwrap(), Model::from_text("o.fdm", other).unwrap());
-    let said = between_while(&Rivals { first: single(&linear), second: single(&other) }, &|| true).unwrap_err();
+    let said = between(&Rivals { first: single(&linear), second: single(&other) }, &Halt::default()).unwrap_err();
     assert!(said[0].contains("input u") && said[0].contains("input w"), "{said:?}");
 }

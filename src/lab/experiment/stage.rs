@@ -7,7 +7,7 @@ use super::weakest::Weakest;
 use fdm_estimate::equation_error::regress;
 use fdm_estimate::residuals::OutputQuality;
 use fdm_estimate::{
-    Direction, Estimate, Noise, ParameterEstimate, Status, best_iterate, by_confidence, changed, fit, fit_filter,
+    Direction, Estimate, Noise, ParameterEstimate, Status, Work, best_iterate, by_confidence, changed, fit, fit_filter,
     fit_responses, fit_spectra,
 };
 use fdm_system::Model;
@@ -85,7 +85,7 @@ pub(super) fn run(stage: &Stage, setting: &Setting) -> Result<Found, Fault> {
 }
 
 fn in_time(stage: &Stage, setting: &Setting) -> Found {
-    let fit = match fit(&setting.model, &setting.runs, &stage.in_time(setting), &mut ()) {
+    let fit = match fit(&setting.model, &setting.runs, &stage.in_time(setting), &Work::default()) {
         Ok(fit) => fit,
         Err(e) => return Found::gone(e),
     };
@@ -93,7 +93,7 @@ fn in_time(stage: &Stage, setting: &Setting) -> Found {
     found.judged("", &fit.quality);
     found.order = by_confidence(&fit.by_length).into_iter().map(|s| s.name).collect();
     if !setting.others.is_empty() && found.astray.is_none() {
-        match fit.predict(&setting.others, Noise::default(), &mut ()) {
+        match fit.predict(&setting.others, Noise::default(), &Work::default()) {
             Ok(other) => found.judged("predicted ", &other.quality),
             Err(e) => found.astray = Some(e.to_string()),
         }
@@ -102,14 +102,14 @@ fn in_time(stage: &Stage, setting: &Setting) -> Found {
 }
 
 fn in_frequency(stage: &Stage, setting: &Setting) -> Result<Found, Fault> {
-    let fit = match fit_spectra(&setting.model, &setting.runs, &stage.in_frequency(setting)?, &mut ()) {
+    let fit = match fit_spectra(&setting.model, &setting.runs, &stage.in_frequency(setting)?, &Work::default()) {
         Ok(fit) => fit,
         Err(e) => return Ok(Found::gone(e)),
     };
     let mut found = Found::of(&fit.estimate, fit.parameters());
     fit.finish.iter().for_each(|finish| found.judged("", &finish.quality));
     if !setting.others.is_empty() && found.astray.is_none() {
-        match fit.predict(&setting.others, &mut ()) {
+        match fit.predict(&setting.others, &Work::default()) {
             Ok(other) => found.judged("predicted ", &other.quality),
             Err(e) => found.astray = Some(e.to_string()),
         }
@@ -118,7 +118,7 @@ fn in_frequency(stage: &Stage, setting: &Setting) -> Result<Found, Fault> {
 }
 
 fn by_responses(stage: &Stage, setting: &Setting) -> Found {
-    match fit_responses(&setting.model, &setting.runs, &stage.of_responses(setting), &mut ()) {
+    match fit_responses(&setting.model, &setting.runs, &stage.of_responses(setting), &Work::default()) {
         Ok(fit) => Found::of(&fit.estimate, fit.estimate.parameters.clone()),
         Err(e) => Found::gone(e),
     }
@@ -126,7 +126,7 @@ fn by_responses(stage: &Stage, setting: &Setting) -> Found {
 
 /// Deviations of the measurement noise are figures: `noise(y)`.
 fn by_filter(stage: &Stage, setting: &Setting) -> Found {
-    let found = match fit_filter(&setting.model, &setting.runs, &stage.in_time(setting), &mut ()) {
+    let found = match fit_filter(&setting.model, &setting.runs, &stage.in_time(setting), &Work::default()) {
         Ok(found) => found,
         Err(e) => return Found::gone(e),
     };

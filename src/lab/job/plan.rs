@@ -1,6 +1,6 @@
 //! What is to be done, as a file: commands with their words, the tasks that they are cut into, and what all tasks begin with.
 
-use super::work::{Kind, Work};
+use super::tasks::{Kind, Tasks};
 use fdm_results::store::{Identity, TaskKey, fingerprint};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -68,14 +68,14 @@ pub enum PlanError {
 }
 
 impl PlannedCommand {
-    /// A command of these words with the tasks of `work`, whose bits depend on `identity`.
-    pub fn new(name: &str, words: &[String], work: &dyn Work, identity: &Identity) -> Self {
+    /// A command of these words with these tasks, whose bits depend on `identity`.
+    pub fn new(name: &str, words: &[String], tasks: &dyn Tasks, identity: &Identity) -> Self {
         Self {
             name: name.into(),
             words: words.to_vec(),
-            cut: work.kind(),
-            tasks: work.count(),
-            names: work.names(),
+            cut: tasks.kind(),
+            tasks: tasks.count(),
+            names: tasks.names(),
             identity: identity.clone(),
             states: BTreeMap::new(),
         }

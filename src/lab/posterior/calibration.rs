@@ -6,6 +6,7 @@
 
 use super::density::{Posterior, SampledName};
 use super::sample::{SampleError, Samples, Sampling, sample};
+use fdm_estimate::Halt;
 use fdm_numeric::random::{Stream, mixed};
 use fdm_numeric::statistics::chi_squared_tail;
 use fdm_results::documents::calibration::{CalibratedParameter, CalibrationDocument};
@@ -45,13 +46,13 @@ impl<'a> Calibration<'a> {
     ///
     /// # Errors
     /// [`SampleError`]
-    pub fn once(&self, number: u64, goes_on: &(dyn Fn() -> bool + Sync)) -> Result<Option<Ranks>, SampleError> {
+    pub fn once(&self, number: u64, halt: &Halt) -> Result<Option<Ranks>, SampleError> {
         let mut stream = Stream::named(self.sampling.seed, &["calibration", &number.to_string()]);
         let chain = &self.samples.chains[(stream.uniform() * self.samples.chains.len() as f64) as usize];
         let drawn = (stream.uniform() * chain.values.len() as f64) as usize;
         let Some(posterior) = self.posterior.replicated(&chain.u[drawn], &mut stream)? else { return Ok(None) };
         let sampling = Sampling { seed: mixed(self.sampling.seed ^ mixed(number)), ..self.sampling };
-        let found = sample(&posterior, &sampling, goes_on)?;
+        let found = sample(&posterior, &sampling, halt)?;
         if !found.whole {
             return Ok(None);
         }

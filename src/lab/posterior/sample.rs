@@ -9,6 +9,7 @@ use super::convergence::{bulk, of_mean, quantile, r_hat, tail};
 use super::coordinates::Units;
 use super::density::{Evaluator, InUnits, Posterior, SampledName};
 use super::nuts::{Nuts, StepSearch, Transition};
+use fdm_estimate::Halt;
 use fdm_numeric::parallel;
 use fdm_numeric::random::Stream;
 use fdm_results::documents::sample::{ChainDocument, PredictiveBand, SampledParameter};
@@ -68,15 +69,11 @@ pub struct Samples {
     pub whole: bool,
 }
 
-/// Samples a posterior, as long as `goes_on` says so.
+/// Samples a posterior, until it is to end.
 ///
 /// # Errors
 /// [`SampleError`]
-pub fn sample(
-    posterior: &Posterior,
-    sampling: &Sampling,
-    goes_on: &(dyn Fn() -> bool + Sync),
-) -> Result<Samples, SampleError> {
+pub fn sample(posterior: &Posterior, sampling: &Sampling, halt: &Halt) -> Result<Samples, SampleError> {
     let n = posterior.unknowns();
     if n == 0 {
         return Err(SampleError::Nothing);
@@ -93,7 +90,7 @@ pub fn sample(
     let identity: Vec<f64> = (0..n * n).map(|k| if k % (n + 1) == 0 { 1.0 } else { 0.0 }).collect();
     let units = units.or_else(|| Units::of_covariance(start, &identity)).ok_or(SampleError::NotFinite)?;
     let chains: Result<Vec<Chain>, SampleError> =
-        parallel::map(0..sampling.chains, |k| chain(posterior, &units, sampling, k, goes_on)).into_iter().collect();
+        parallel::map(0..sampling.chains, |k| chain(posterior, &units, sampling, k, halt)).into_iter().collect();
     let mut chains = chains?;
     let shortest = chains.iter().map(|c| c.values.len()).min().unwrap_or(0);
     for chain in &mut chains {
@@ -127,7 +124,7 @@ fn chain(
     units: &Units,
     sampling: &Sampling,
     number: usize,
-    goes_on: &(dyn Fn() -> bool + Sync),
+    halt: &Halt,
 ) -> Result<Chain, SampleError> {
     let n = posterior.unknowns();
     let mut stream = Stream::named(sampling.seed, &["nuts", &number.to_string()]);
@@ -161,7 +158,7 @@ fn chain(
     let mut seen = Seen::new(n);
     let mut chain = Chain::default();
     for k in 0..sampling.warmup + sampling.draws {
-        if !goes_on() {
+        if !halt.goes_on() {
             break;
         }
         let transition = nuts.transit(&mut density!(), &mut stream);

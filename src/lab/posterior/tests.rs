@@ -1,7 +1,7 @@
 //! The sampler against laws that are known in closed form, its gradients against differences.
 
 use super::{CorrectedErrors, Given, Posterior, Samples, Sampling, sample};
-use fdm_estimate::{FitOptions, Noise, fit};
+use fdm_estimate::{FitOptions, Halt, Noise, Work, fit};
 use fdm_numeric::random::Stream;
 use fdm_results::documents::FitDocument;
 use fdm_system::Model;
@@ -26,7 +26,7 @@ fn posterior(model: &Model, runs: Vec<Run>, theta: &[f64], noise: (f64, bool)) -
 }
 
 fn drawn(posterior: &Posterior) -> Samples {
-    sample(posterior, &SAMPLING, &|| true).unwrap()
+    sample(posterior, &SAMPLING, &Halt::default()).unwrap()
 }
 
 #[test]
@@ -135,7 +135,7 @@ fn a_line_with_known_noise_has_the_normal_posterior_of_its_regression() {
     // the same bits, whoever asks
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     assert_eq!(pool.install(|| drawn(&posterior)), samples);
-    assert_ne!(sample(&posterior, &Sampling { seed: 4, ..SAMPLING }, &|| true).unwrap(), samples);
+    assert_ne!(sample(&posterior, &Sampling { seed: 4, ..SAMPLING }, &Halt::default()).unwrap(), samples);
 }
 
 #[test]
@@ -231,7 +231,7 @@ fn draws_scatter_as_repeated_fits_do_where_noise_is_coloured() {
     .unwrap();
     let fitted = |seed: u64| {
         let runs = [coloured_run(&model, seed, 0.9)];
-        let found = fit(&model, &runs, &FitOptions::default(), &mut ()).unwrap();
+        let found = fit(&model, &runs, &FitOptions::default(), &Work::default()).unwrap();
         assert!(found.is_good());
         (runs, found)
     };
@@ -249,8 +249,8 @@ fn draws_scatter_as_repeated_fits_do_where_noise_is_coloured() {
         let (runs, found) = fitted(record);
         let errors = CorrectedErrors::of(&FitDocument::of(&found)).unwrap();
         let posterior = Posterior::of_fit(&found, &runs, &Noise::default()).unwrap();
-        let narrow = sample(&posterior, &sampling, &|| true).unwrap().parameters();
-        let drawn = sample(&posterior.corrected(&errors).unwrap(), &sampling, &|| true).unwrap().parameters();
+        let narrow = sample(&posterior, &sampling, &Halt::default()).unwrap().parameters();
+        let drawn = sample(&posterior.corrected(&errors).unwrap(), &sampling, &Halt::default()).unwrap().parameters();
         for k in 0..3 {
             white[k] += narrow[k].deviation.powi(2) / records as f64;
             wide[k] += drawn[k].deviation.powi(2) / records as f64;

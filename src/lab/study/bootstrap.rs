@@ -2,11 +2,10 @@
 //! (parametric bootstrap). Inputs stay as they were recorded; the mean of a prior counts as one more measurement and is drawn anew.
 
 use super::disturbance::Disturbance;
-use super::series::Watch;
 use super::study_error::StudyError;
 use crate::requirement::{Draws, Judge, RequirementError};
 use fdm_estimate::{
-    Changes, Estimate, Fit, FitOptions, Iteration, MultiStart, ParameterEstimate, SharedSteps, Termination, fit_from,
+    Attempt, Changes, Estimate, Fit, FitOptions, Halt, MultiStart, ParameterEstimate, SharedSteps, Work, fit_from,
     starts,
 };
 use fdm_numeric::random::Stream;
@@ -14,7 +13,6 @@ use fdm_results::documents::study::{Colour, Goal, Repeat, Study, Subject, is_est
 use fdm_results::documents::{FitDocument, ResultDocument};
 use fdm_system::Model;
 use fdm_system::record::Run;
-use std::ops::ControlFlow;
 
 /// A fit that can be repeated.
 pub struct Bootstrap {
@@ -110,15 +108,12 @@ impl Bootstrap {
     }
 
     /// The repeat of this number; none when it was interrupted.
-    pub fn once(&self, number: u64, watch: &dyn Watch) -> Option<Repeat> {
+    pub fn once(&self, number: u64, halt: &Halt) -> Option<Repeat> {
         let runs: Vec<Run> = self.clean.iter().enumerate().map(|(r, run)| self.disturbed(r, run, number)).collect();
         let model = self.with_priors(number);
-        let mut observer = |_: &Iteration| match watch.goes_on() {
-            true => ControlFlow::Continue(()),
-            false => ControlFlow::Break(()),
-        };
-        match fit_from(&model, &runs, &self.starts, &self.options, &mut observer) {
-            Ok(found) if found.estimate.termination == Termination::Interrupted => None,
+        let Self { starts, options, .. } = self;
+        match fit_from(&Attempt { model: &model, runs: &runs, starts, options, work: &Work::until(halt) }) {
+            _ if !halt.goes_on() => None,
             Ok(found) => {
                 let mut repeat = Repeat::of(&found.estimate, &self.subjects);
                 if let Ok(Some(judge)) = &self.judge

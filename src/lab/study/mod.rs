@@ -22,6 +22,6 @@ pub use fdm_results::documents::study::{
     Colour, Coverage, Figure, Interval, Kind, Pooled, Repeat, Share, Study, Subject,
 };
 pub use profile::{Profiler, Side};
-pub use series::{FORM, REPEATS, Watch, series};
+pub use series::{FORM, REPEATS, series};
 pub use study_error::StudyError;
 pub use system::System;

@@ -4,15 +4,14 @@
 use super::bootstrap::reached;
 use super::study_error::StudyError;
 use fdm_estimate::{
-    Changes, CheckpointStore, Continuation, Estimate, Fit, FitOptions, Iteration, MultiStart, ParameterEstimate,
-    SharedSteps, Status, fit_from, quantile,
+    Attempt, Changes, Continuation, Estimate, Fit, FitOptions, MultiStart, ParameterEstimate, SharedSteps, Status,
+    Work, fit_from, quantile,
 };
 use fdm_numeric::parallel;
 use fdm_results::documents::profile::{AtBound, End, Point, Profile, reach};
 use fdm_system::Model;
 use fdm_system::record::Run;
 use serde::{Deserialize, Serialize};
-use std::ops::ControlFlow;
 
 /// Most refits on one side until the end is found.
 const SEARCH: usize = 14;
@@ -34,7 +33,7 @@ pub struct Profiler<'a> {
     options: FitOptions,
     starts: Vec<Vec<f64>>,
     rise: Option<f64>,
-    goes_on: &'a (dyn Fn() -> bool + Sync),
+    work: Work<'a>,
 }
 
 /// A side of a profile, as seen from the estimate.
@@ -121,16 +120,11 @@ impl Refit {
 }
 
 impl<'a> Profiler<'a> {
-    /// Of a fit of these runs with these options; `goes_on` says whether to continue.
+    /// Of a fit of these runs with these options; sides that the work has kept are not made again.
     ///
     /// # Errors
     /// [`StudyError::Astray`] when the fit has no minimum.
-    pub fn new(
-        fit: &'a Fit,
-        runs: &'a [Run],
-        options: &FitOptions,
-        goes_on: &'a (dyn Fn() -> bool + Sync),
-    ) -> Result<Self, StudyError> {
+    pub fn new(fit: &'a Fit, runs: &'a [Run], options: &FitOptions, work: &Work<'a>) -> Result<Self, StudyError> {
         if !fit.estimate.termination.is_good() {
             return Err(StudyError::Astray { reason: fit.estimate.termination.to_string() });
         }
@@ -152,7 +146,7 @@ impl<'a> Profiler<'a> {
             options.continuation = Continuation::Never;
         }
         let starts = reached(&fit.model, runs, &fit.estimate);
-        Ok(Self { fit, runs, options, starts, rise: None, goes_on })
+        Ok(Self { fit, runs, options, starts, rise: None, work: work.clone() })
     }
 
     /// This profiler, with intervals that end where the cost has risen by so much: 1.92 is what a likelihood ratio
@@ -167,18 +161,9 @@ impl<'a> Profiler<'a> {
     /// # Errors
     /// [`StudyError::NoProfile`] with the reason.
     pub fn of(&self, name: &str) -> Result<Profile, StudyError> {
-        self.of_kept(name, None)
-    }
-
-    /// The profile of a parameter that all runs share, or of one that belongs to the only run; sides that `keeper` has
-    /// are not made again.
-    ///
-    /// # Errors
-    /// As [`Self::of`].
-    pub fn of_kept(&self, name: &str, keeper: Option<&dyn CheckpointStore>) -> Result<Profile, StudyError> {
         let subject = self.subject(name)?;
         let side = |side: &Side| {
-            let kept = keeper.and_then(|k| k.find(&side.of(name)).ok().flatten());
+            let kept = self.work.store().and_then(|k| k.find(&side.of(name)).ok().flatten());
             let kept = kept.and_then(|bytes| postcard::from_bytes(&bytes).ok());
             kept.unwrap_or_else(|| self.one_side(&subject, *side))
         };
@@ -197,13 +182,13 @@ impl<'a> Profiler<'a> {
         Ok(Profile { name, unit, value, error, factor, rise, bound, ends, held, by_error, points, refits })
     }
 
-    /// One side of the profile of a parameter, as bytes for [`Self::of_kept`]; none when it was interrupted.
+    /// One side of the profile of a parameter, as bytes for [`Self::of`]; none when it was interrupted.
     ///
     /// # Errors
     /// As [`Self::of`].
     pub fn side_of(&self, name: &str, side: Side) -> Result<Option<Vec<u8>>, StudyError> {
         let found = self.one_side(&self.subject(name)?, side);
-        let whole = !matches!(found.end, End::Interrupted(_)) && (self.goes_on)();
+        let whole = !matches!(found.end, End::Interrupted(_)) && self.work.goes_on();
         Ok(postcard::to_allocvec(&found).ok().filter(|_| whole))
     }
 
@@ -322,7 +307,7 @@ impl<'a> Profiler<'a> {
         let last = *refits + SEARCH;
         let mut tried_bound = above.is_some_and(|above| above.0 >= farthest);
         while *refits < last {
-            if !(self.goes_on)() {
+            if !self.work.goes_on() {
                 return End::Interrupted(wanted.value(sign, below.0));
             }
             // an end is known to this part, and no parameter goes beyond its bound
@@ -335,7 +320,7 @@ impl<'a> Profiler<'a> {
             let value = if at >= farthest { bound } else { wanted.value(sign, at) };
             *refits += 1;
             let Some(refit) = self.refit(wanted, (at, value), &starts) else {
-                if (self.goes_on)() && (*refits >= last || at - below.0 < 1e-3 * at) {
+                if self.work.goes_on() && (*refits >= last || at - below.0 < 1e-3 * at) {
                     // where the cost has risen enough behind it the end lies between them
                     match above {
                         Some(_) => break,
@@ -377,7 +362,7 @@ impl<'a> Profiler<'a> {
         let whole = wanted.at(end.value());
         for k in 1..=BETWEEN {
             let at = whole * k as f64 / (BETWEEN + 1) as f64;
-            if at == 0.0 || !at.is_finite() || !(self.goes_on)() {
+            if at == 0.0 || !at.is_finite() || !self.work.goes_on() {
                 continue;
             }
             *refits += 1;
@@ -393,7 +378,7 @@ impl<'a> Profiler<'a> {
         found.sort_by(|a, b| a.at.total_cmp(&b.at));
         for k in (1..found.len()).rev() {
             let (nearer, farther) = (&found[k - 1], &found[k]);
-            if nearer.rise <= farther.rise + FALLS * wanted.rise || !(self.goes_on)() {
+            if nearer.rise <= farther.rise + FALLS * wanted.rise || !self.work.goes_on() {
                 continue;
             }
             *refits += 1;
@@ -411,11 +396,14 @@ impl<'a> Profiler<'a> {
         let model: Model = self.fit.model.with_params(params);
         let mut starts = starts.to_vec();
         starts.iter_mut().for_each(|theta| theta[wanted.place] = value);
-        let mut observer = |_: &Iteration| match (self.goes_on)() {
-            true => ControlFlow::Continue(()),
-            false => ControlFlow::Break(()),
-        };
-        let found = fit_from(&model, self.runs, &starts, &self.options, &mut observer).ok()?;
+        let found = fit_from(&Attempt {
+            model: &model,
+            runs: self.runs,
+            starts: &starts,
+            options: &self.options,
+            work: &self.work.quiet(),
+        })
+        .ok()?;
         let known = found.estimate.termination.is_good();
         let rise = found.estimate.cost.filter(|c| c.is_finite())? - self.fit.estimate.cost?;
         // what is not at its minimum costs too much: where that is allowed all the same, the value belongs to the interval

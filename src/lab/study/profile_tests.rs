@@ -1,7 +1,7 @@
 //! Whether profiles find what is known: the parabola of a linear model, an interval that is open, a bound, names that nothing has.
 
 use super::*;
-use fdm_estimate::{Fit, FitOptions, Noise, Options, fit};
+use fdm_estimate::{Fit, FitOptions, Halt, Noise, Options, Work, fit};
 use fdm_system::Model;
 use fdm_system::record::Run;
 
@@ -23,17 +23,15 @@ fn fitted(text: &str, u: &[f64], y: impl Fn(f64) -> f64, deviation: f64) -> (Fit
     let options = Options { noise, colour: false, ..Options::default() };
     let options = FitOptions { options, ..FitOptions::default() };
     let runs = vec![run];
-    (fit(&model, &runs, &options, &mut ()).expect("a fit"), runs, options)
+    (fit(&model, &runs, &options, &Work::default()).expect("a fit"), runs, options)
 }
-
-const ALWAYS: &(dyn Fn() -> bool + Sync) = &|| true;
 
 #[test]
 fn a_linear_model_has_the_interval_of_its_error() {
     let u: Vec<f64> = (0..40).map(|k| f64::from(k) / 10.0).collect();
     let text = "model line { input u; param a = 1, b = 0; output y = a*u + b; }";
     let (fit, runs, options) = fitted(text, &u, |u| 2.0 * u - 1.0, 0.1);
-    let profiler = Profiler::new(&fit, &runs, &options, ALWAYS).expect("possible");
+    let profiler = Profiler::new(&fit, &runs, &options, &Work::default()).expect("possible");
     for name in ["a", "b"] {
         let p = profiler.of(name).expect("estimated");
         let half = 1.959_964 * fit.estimate.parameter(name, None).and_then(|p| p.error()).expect("known");
@@ -59,7 +57,7 @@ fn an_interval_that_ends_nowhere_is_open_and_one_at_a_bound_says_so() {
     };
     let profile = |most: &str| {
         let (fit, runs, options) = fitted(&text(most), &u, |u| 1.0 - (-2.5 * u).exp(), 0.06);
-        Profiler::new(&fit, &runs, &options, ALWAYS).expect("possible").of("k").expect("estimated")
+        Profiler::new(&fit, &runs, &options, &Work::default()).expect("possible").of("k").expect("estimated")
     };
     let [low, high] = profile("1e6").ends;
     assert!(matches!(low, End::At(v) if v > 0.5 && v < 2.0), "{low:?}");
@@ -72,7 +70,7 @@ fn a_value_that_was_fitted_into_another_minimum_is_fitted_again_from_beyond() {
     let u: Vec<f64> = (0..30).map(f64::from).collect();
     let (fit, runs, options) =
         fitted("model m { input u; param a = 1, b = 1; output y = a*u + b; }", &u, |u| 2.0 * u - 1.0, 0.1);
-    let profiler = Profiler::new(&fit, &runs, &options, ALWAYS).expect("possible");
+    let profiler = Profiler::new(&fit, &runs, &options, &Work::default()).expect("possible");
     let wanted = profiler.subject("a").expect("estimated");
     let mut refits = 0;
     let mut found: Vec<Refit> = [2.0, 1.0]
@@ -94,7 +92,7 @@ fn a_rise_may_be_asked_for_and_a_parameter_at_its_bound_has_one_side() {
     let p = fit.estimate.parameter("k", None).expect("there");
     assert_eq!(p.status, Status::AtUpperBound);
     let profile = |rise: Option<f64>| {
-        let profiler = Profiler::new(&fit, &runs, &options, ALWAYS).expect("possible").with_rise(rise);
+        let profiler = Profiler::new(&fit, &runs, &options, &Work::default()).expect("possible").with_rise(rise);
         profiler.of("k").expect("one side")
     };
     let [one, two] = [Some(1.92), Some(3.84)].map(profile);
@@ -112,13 +110,16 @@ fn what_has_no_profile_is_said_and_an_interrupt_ends_it() {
     let u: Vec<f64> = (0..20).map(f64::from).collect();
     let text = "model line { input u; param slope = 1, b = 0 fixed; output y = slope*u + b; }";
     let (fit, runs, options) = fitted(text, &u, |u| 2.0 * u, 0.1);
-    let profiler = Profiler::new(&fit, &runs, &options, ALWAYS).expect("possible");
+    let profiler = Profiler::new(&fit, &runs, &options, &Work::default()).expect("possible");
     assert!(profiler.of("slpe").expect_err("no such").to_string().contains("did you mean `slope`?"));
     assert!(profiler.of("b").expect_err("fixed").to_string().contains("not estimated"));
     assert!(profiler.of("slope").is_ok());
-    let never = || false;
-    let stopped =
-        Profiler::new(&fit, &runs, &options, &never).expect("possible").of("slope").expect("of what is there");
+    let halt = Halt::default();
+    halt.interrupt();
+    let stopped = Profiler::new(&fit, &runs, &options, &Work::until(&halt))
+        .expect("possible")
+        .of("slope")
+        .expect("of what is there");
     assert!(stopped.ends.iter().all(|e| matches!(e, End::Interrupted(_))), "{:?}", stopped.ends);
 }
 
@@ -127,7 +128,7 @@ fn others_at_their_bounds_beside_an_end_are_named() {
     let u: Vec<f64> = (0..40).map(|k| f64::from(k) / 10.0).collect();
     let text = "model line { input u; param a = 1, b = 0.1 in [0, 5]; output y = a*u + b; }";
     let (fit, runs, options) = fitted(text, &u, |u| 2.0 * u + 0.03, 0.1);
-    let p = Profiler::new(&fit, &runs, &options, ALWAYS).expect("possible").of("a").expect("estimated");
+    let p = Profiler::new(&fit, &runs, &options, &Work::default()).expect("possible").of("a").expect("estimated");
     // steeper lines would begin below zero
     assert_eq!(p.held, [Vec::new(), vec![AtBound { name: "b".into(), bound: 0.0 }]], "{p:?}");
     let [End::At(_), End::At(high)] = p.ends else { panic!("{:?}", p.ends) };
@@ -143,7 +144,7 @@ fn a_bound_closes_an_interval_and_is_where_another_ends() {
     let u: Vec<f64> = (1..13).map(f64::from).collect();
     let text = "model rate { input u; param V = 1, K = 1 in [0, 50]; output y = V*u/(K + u); }";
     let (fit, runs, options) = fitted(text, &u, |u| 2.0 * u / (0.3 + u), 0.3);
-    let profiler = Profiler::new(&fit, &runs, &options, ALWAYS).expect("possible");
+    let profiler = Profiler::new(&fit, &runs, &options, &Work::default()).expect("possible");
     let [half, rate] = ["K", "V"].map(|name| profiler.of(name).expect("estimated"));
     // with K held V is a quotient of sums
     let cost = |k: f64| {

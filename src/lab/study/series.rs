@@ -3,34 +3,12 @@
 //! Every repeat draws from a stream of its own, so that its numbers depend on its place alone: not on threads, on the order in which
 //! repeats end, or on how often the series was interrupted.
 
-use fdm_estimate::CheckpointStore;
+use fdm_estimate::{CheckpointStore, Work};
 use fdm_results::documents::study::Repeat;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
-
-/// Watches a series; `()` looks away.
-pub trait Watch: Sync {
-    /// So many repeats have ended.
-    fn ended(&self, done: usize);
-
-    /// What came of one of them, by its number.
-    fn came(&self, number: u64, repeat: &Repeat) {
-        let _ = (number, repeat);
-    }
-
-    /// Whether the series is to go on; repeats at work are given up when not.
-    fn goes_on(&self) -> bool;
-}
-
-impl Watch for () {
-    fn ended(&self, _: usize) {}
-
-    fn goes_on(&self) -> bool {
-        true
-    }
-}
 
 /// The name under which all repeats are kept, by number.
 pub const REPEATS: &str = "repeats";
@@ -41,24 +19,24 @@ const PAUSE: Duration = Duration::from_secs(1);
 /// How much longer the work is than the keeping of it.
 const SHARE: u32 = 20;
 
-/// Repeats 0 to `count`, by `once` (none when it was interrupted); those that `keeper` has are not made again. What is missing in
-/// the end was interrupted.
+/// Repeats 0 to `count`, by `once` (none when it was interrupted), which `came` is told, by number; those that the work has kept are
+/// not made again. What is missing in the end was interrupted.
 pub fn series(
     count: usize,
-    keeper: Option<&dyn CheckpointStore>,
-    watch: &dyn Watch,
+    work: &Work<'_>,
+    came: &(dyn Fn(u64, &Repeat) + Sync),
     once: &(dyn Fn(u64) -> Option<Repeat> + Sync),
 ) -> Vec<Option<Repeat>> {
-    let shelf = Shelf::open(count, keeper);
+    let shelf = Shelf::open(count, work.store());
     let missing = shelf.missing();
-    shelf.show(watch);
-    watch.ended(count - missing.len());
+    shelf.show(came);
+    work.parts_ended(count - missing.len());
     missing.into_iter().par_bridge().for_each(|k| {
-        if watch.goes_on()
+        if work.goes_on()
             && let Some(repeat) = once(k)
         {
-            watch.came(k, &repeat);
-            watch.ended(shelf.put(k, repeat));
+            came(k, &repeat);
+            work.parts_ended(shelf.put(k, repeat));
         }
     });
     shelf.close()
@@ -95,9 +73,9 @@ impl<'k> Shelf<'k> {
     }
 
     /// Those that were kept before.
-    fn show(&self, watch: &dyn Watch) {
+    fn show(&self, came: &dyn Fn(u64, &Repeat)) {
         let state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        state.repeats.range(..self.count as u64).for_each(|(k, repeat)| watch.came(*k, repeat));
+        state.repeats.range(..self.count as u64).for_each(|(k, repeat)| came(*k, repeat));
     }
 
     /// Keeps a repeat; says how many have ended.

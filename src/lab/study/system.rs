@@ -3,9 +3,8 @@
 
 use super::bootstrap::Bootstrap;
 use super::disturbance::of_experiment;
-use super::series::Watch;
 use crate::experiment::{Experiment, ExperimentError, Rehearsal, StageAnswer, measured_stages};
-use fdm_estimate::fit;
+use fdm_estimate::{Halt, Work, fit};
 use fdm_results::documents::study::{Colour, Figure, Repeat, Subject};
 
 /// An experiment that can be repeated.
@@ -51,8 +50,9 @@ impl System {
         }
         system.rehearsed = system.subjects.len();
         for stage in measured_stages(experiment, thin)? {
-            let ready =
-                fit(&stage.model, &stage.runs, &stage.options, &mut ()).map_err(|e| e.to_string()).and_then(|first| {
+            let ready = fit(&stage.model, &stage.runs, &stage.options, &Work::default())
+                .map_err(|e| e.to_string())
+                .and_then(|first| {
                     let noise = (colour.unwrap_or_default(), seed);
                     Bootstrap::new(&first, &stage.runs, &stage.options, noise).map_err(|e| e.to_string())
                 });
@@ -79,7 +79,7 @@ impl System {
     }
 
     /// The repeat of this number; none when it was interrupted.
-    pub fn once(&self, number: u64, watch: &dyn Watch) -> Option<Repeat> {
+    pub fn once(&self, number: u64, halt: &Halt) -> Option<Repeat> {
         let mut repeat = match &self.rehearsal {
             None => Repeat { astray: Vec::new(), figures: Vec::new(), requirements: Vec::new() },
             Some(rehearsal) => match rehearsal.once(&name(self.seed, number)) {
@@ -88,7 +88,7 @@ impl System {
             },
         };
         for (step, bootstrap) in &self.fits {
-            let own = bootstrap.once(number, watch)?;
+            let own = bootstrap.once(number, halt)?;
             repeat.astray.extend(own.astray.into_iter().map(|(_, reason)| (step.clone(), reason)));
             repeat.figures.extend(own.figures);
         }

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::requirement::Draws;
-use fdm_estimate::{Fit, FitOptions, Noise, Options, fit};
+use fdm_estimate::{Fit, FitOptions, Halt, Noise, Observer, Options, Work, fit};
 use fdm_numeric::random::Stream;
 use fdm_system::Model;
 use fdm_system::record::Run;
@@ -29,11 +29,11 @@ fn fitted(noise: Noise) -> (Fit, Vec<Run>, FitOptions) {
     let model = Model::from_text("line.fdm", LINE).expect("a model");
     let options = FitOptions { options: Options { noise, ..Options::default() }, ..FitOptions::default() };
     let runs = vec![run(0.1)];
-    (fit(&model, &runs, &options, &mut ()).expect("a fit"), runs, options)
+    (fit(&model, &runs, &options, &Work::default()).expect("a fit"), runs, options)
 }
 
 fn studied(bootstrap: &Bootstrap, count: usize) -> Vec<Option<Repeat>> {
-    series(count, None, &(), &|k| bootstrap.once(k, &()))
+    series(count, &Work::default(), &|_, _| (), &|k| bootstrap.once(k, &Halt::default()))
 }
 
 #[test]
@@ -65,7 +65,7 @@ fn intervals_of_requirements_hold_as_often_as_they_say() {
     let noise = Noise::Given(vec![Some(0.1)]);
     let options = FitOptions { options: Options { noise, ..Options::default() }, ..FitOptions::default() };
     let runs = vec![run(0.1)];
-    let first = fit(&model, &runs, &options, &mut ()).expect("a fit");
+    let first = fit(&model, &runs, &options, &Work::default()).expect("a fit");
     let bootstrap = Bootstrap::new(&first, &runs, &options, (Colour::White, 3)).expect("possible");
     assert_eq!(bootstrap.goals(), Ok(&[][..]));
     let bootstrap = bootstrap.judging(&first, Draws { count: 400, seed: 1 });
@@ -82,7 +82,7 @@ fn intervals_of_requirements_hold_as_often_as_they_say() {
     }
     assert!(sum.drawn == 0 && bent.drawn == 300, "{sum:?} {bent:?}");
     assert!((1.96 * sum.scatter.expect("known") / sum.half_width.expect("known") - 1.0).abs() < 0.12, "{sum:?}");
-    assert_eq!(bootstrap.once(7, &()), repeats[7]);
+    assert_eq!(bootstrap.once(7, &Halt::default()), repeats[7]);
 }
 
 /// Noise that is an expression is drawn by it, and repeats and profiles are fitted by its likelihood.
@@ -94,7 +94,7 @@ fn noise_that_is_part_of_the_model_is_drawn_and_fitted_as_such() {
     let noise: Vec<f64> = run.inputs.iter().map(|u| 0.1 * (0.1 + u) * chance.normal()).collect();
     run.measured.iter_mut().zip(noise).for_each(|(z, v)| *z += v);
     let (runs, options) = (vec![run], FitOptions::default());
-    let fit = fit(&model, &runs, &options, &mut ()).expect("a fit");
+    let fit = fit(&model, &runs, &options, &Work::default()).expect("a fit");
     assert!(fit.is_good() && !fit.noise_of_samples.is_empty());
     let bootstrap = Bootstrap::new(&fit, &runs, &options, (Colour::White, 3)).expect("possible");
     let repeats = studied(&bootstrap, 400);
@@ -107,7 +107,7 @@ fn noise_that_is_part_of_the_model_is_drawn_and_fitted_as_such() {
         assert!((interval.coverage.share - 0.95).abs() < 0.045, "{} {:?}", p.subject.name, interval.coverage);
         assert!(p.bias.abs() < 2.0 * p.bias_chance, "{} {}", p.bias, p.bias_chance);
     }
-    let profiler = Profiler::new(&fit, &runs, &options, &|| true).expect("possible");
+    let profiler = Profiler::new(&fit, &runs, &options, &Work::default()).expect("possible");
     let profile = profiler.of("a").expect("a profile");
     assert!(profile.points.iter().all(|p| p.rise > -1e-9), "{:?}", profile.points);
     for (end, by_error) in profile.ends.iter().zip(profile.by_error) {
@@ -131,27 +131,29 @@ fn repeats_know_nothing_of_threads_and_order_and_go_on_where_they_were() {
     let (fit, runs, options) = fitted(Noise::Diagonal);
     let bootstrap = Bootstrap::new(&fit, &runs, &options, (Colour::White, 9)).expect("possible");
     let whole = studied(&bootstrap, 30);
-    let backwards: Vec<_> = (0..30).rev().map(|k| bootstrap.once(k, &())).collect();
+    let backwards: Vec<_> = (0..30).rev().map(|k| bootstrap.once(k, &Halt::default())).collect();
     assert!(whole.iter().eq(backwards.iter().rev()));
     assert_ne!(whole[0], whole[1]);
     let other = Bootstrap::new(&fit, &runs, &options, (Colour::White, 10)).expect("possible");
-    assert_ne!(other.once(0, &()), whole[0]);
+    assert_ne!(other.once(0, &Halt::default()), whole[0]);
 
     let keeper = Memory::default();
-    let patient = Patience(AtomicUsize::new(7));
-    let first = series(30, Some(&keeper), &patient, &|k| bootstrap.once(k, &patient));
+    let kept = Work::default().keeping(Some(&keeper));
+    let patience = Patience(Halt::default());
+    let patient = Work::until(&patience.0).telling(&patience).keeping(Some(&keeper));
+    let first = series(30, &patient, &|_, _| (), &|k| bootstrap.once(k, patient.halt()));
     let reached = first.iter().flatten().count();
     assert!(reached < 30, "{reached}");
     let made = AtomicUsize::new(0);
     let counting = |k: u64| {
         made.fetch_add(1, Ordering::Relaxed);
-        bootstrap.once(k, &())
+        bootstrap.once(k, &Halt::default())
     };
-    assert_eq!(series(30, Some(&keeper), &(), &counting), whole);
+    assert_eq!(series(30, &kept, &|_, _| (), &counting), whole);
     assert_eq!(made.load(Ordering::Relaxed), 30 - reached);
     // a shorter series afterwards makes none, and forgets none
-    assert_eq!(series(4, Some(&keeper), &(), &counting), whole[..4]);
-    assert_eq!(series(30, Some(&keeper), &(), &counting), whole);
+    assert_eq!(series(4, &kept, &|_, _| (), &counting), whole[..4]);
+    assert_eq!(series(30, &kept, &|_, _| (), &counting), whole);
     assert_eq!(made.load(Ordering::Relaxed), 30 - reached);
 }
 
@@ -201,17 +203,13 @@ impl fdm_estimate::CheckpointStore for Memory {
     }
 }
 
-/// Lasts for so many repeats.
-struct Patience(AtomicUsize);
+/// Ends a series after so many repeats.
+struct Patience(Halt);
 
-impl Watch for Patience {
-    fn ended(&self, done: usize) {
+impl Observer for Patience {
+    fn parts_ended(&self, done: usize) {
         if done >= 7 {
-            self.0.store(0, Ordering::Relaxed);
+            self.0.interrupt();
         }
-    }
-
-    fn goes_on(&self) -> bool {
-        self.0.load(Ordering::Relaxed) > 0
     }
 }

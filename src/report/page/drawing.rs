@@ -64,7 +64,7 @@ impl Frame {
 }
 
 /// The whole figure, in the colours of the page that it stands on.
-pub(super) fn svg(figure: &Figure) -> Markup {
+pub(crate) fn svg(figure: &Figure) -> Markup {
     let (width, height) = size(figure);
     html! {
         svg viewBox={ "0 0 " (width) " " (height) } role="img" aria-label=(figure.caption) { (body(figure, width, height)) }
@@ -72,7 +72,7 @@ pub(super) fn svg(figure: &Figure) -> Markup {
 }
 
 /// The figure as a file of its own, with its caption and its key.
-pub(super) fn alone(figure: &Figure, paper: Paper) -> String {
+pub(crate) fn alone(figure: &Figure, paper: Paper) -> String {
     stacked(std::slice::from_ref(figure), paper)
 }
 
@@ -86,13 +86,13 @@ pub(crate) fn stacked(figures: &[Figure], paper: Paper) -> String {
 }
 
 /// A drawing with what stands above it: its caption and its key.
-pub(super) struct Sheet {
-    pub(super) caption: String,
+pub(crate) struct Sheet {
+    pub(crate) caption: String,
     /// Empty, or the key of a figure.
-    pub(super) key: Markup,
-    pub(super) width: f64,
-    pub(super) height: f64,
-    pub(super) body: Markup,
+    pub(crate) key: Markup,
+    pub(crate) width: f64,
+    pub(crate) height: f64,
+    pub(crate) body: Markup,
 }
 
 /// Names of the marks beside short lines of their colours.
@@ -113,7 +113,7 @@ fn key(figure: &Figure) -> Markup {
 }
 
 /// Drawings below each other as a file.
-pub(super) fn file(sheets: &[Sheet], paper: Paper) -> String {
+pub(crate) fn file(sheets: &[Sheet], paper: Paper) -> String {
     let width = sheets.iter().map(|s| s.width).fold(WIDTHS[1], f64::max);
     let whole: f64 = sheets.iter().map(|s| HEAD + s.height).sum();
     let tops = sheets.iter().scan(0.0, |top, sheet| {
@@ -140,7 +140,7 @@ pub(super) fn file(sheets: &[Sheet], paper: Paper) -> String {
 }
 
 /// Width and height on paper.
-pub(super) fn size(figure: &Figure) -> (f64, f64) {
+pub(crate) fn size(figure: &Figure) -> (f64, f64) {
     let panels: f64 = figure.panels.iter().map(|p| f64::from(p.height) + GAP).sum();
     (WIDTHS[usize::from(figure.half)], TOP + panels - GAP + BOTTOM)
 }

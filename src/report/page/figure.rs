@@ -73,7 +73,7 @@ pub(crate) enum Shape {
 }
 
 impl Look {
-    pub(super) fn word(self) -> &'static str {
+    pub(crate) fn word(self) -> &'static str {
         match self {
             Self::Measured => "measured",
             Self::Model => "model",
@@ -115,9 +115,75 @@ impl Mark {
     }
 }
 
+impl Panel {
+    pub(crate) fn new(label: impl Into<String>, height: u32, marks: Vec<Mark>) -> Self {
+        Self { label: label.into(), height, logarithmic: false, marks }
+    }
+
+    pub(crate) fn logarithmic(self) -> Self {
+        self.scaled(true)
+    }
+
+    pub(crate) fn scaled(self, logarithmic: bool) -> Self {
+        Self { logarithmic, ..self }
+    }
+}
+
 impl Figure {
+    /// A figure without panels, in a group of its own.
+    pub(crate) fn new(
+        id: impl Into<String>,
+        caption: impl Into<String>,
+        label: impl Into<String>,
+        at: Vec<f64>,
+    ) -> Self {
+        let id = id.into();
+        Self {
+            group: id.clone(),
+            id,
+            caption: caption.into(),
+            label: label.into(),
+            logarithmic: false,
+            at,
+            panels: Vec::new(),
+            names: Vec::new(),
+            half: false,
+            samples: None,
+        }
+    }
+
+    pub(crate) fn in_group(self, group: impl Into<String>) -> Self {
+        Self { group: group.into(), ..self }
+    }
+
+    pub(crate) fn with(self, panel: Panel) -> Self {
+        self.with_all(vec![panel])
+    }
+
+    pub(crate) fn with_all(mut self, panels: Vec<Panel>) -> Self {
+        self.panels.extend(panels);
+        self
+    }
+
+    pub(crate) fn logarithmic(self) -> Self {
+        Self { logarithmic: true, ..self }
+    }
+
+    pub(crate) fn named(self, names: Vec<String>) -> Self {
+        Self { names, ..self }
+    }
+
+    pub(crate) fn half(self) -> Self {
+        Self { half: true, ..self }
+    }
+
+    /// Of so many samples, where not all are drawn.
+    pub(crate) fn thinned(self, samples: Option<usize>) -> Self {
+        Self { samples, ..self }
+    }
+
     /// The figure with what the script needs; drawn already for readers without scripts.
-    pub(super) fn markup(&self) -> Markup {
+    pub(crate) fn markup(&self) -> Markup {
         html! {
             figure.plot id=(self.id) data-group=(self.group) {
                 figcaption {
@@ -139,7 +205,7 @@ impl Figure {
     }
 
     /// The marks that need a key: each once, and not those that the axis names already.
-    pub(super) fn key(&self) -> Vec<&Mark> {
+    pub(crate) fn key(&self) -> Vec<&Mark> {
         let mut found: Vec<&Mark> = Vec::new();
         for panel in &self.panels {
             for mark in panel.marks.iter().filter(|m| !m.name.is_empty() && !panel.label.starts_with(&m.name)) {
@@ -152,7 +218,7 @@ impl Figure {
     }
 
     /// Room beside the first and the last place, as a part of the axis: lines end at the frame, what stands alone is to be seen whole.
-    pub(super) fn margin(&self) -> f64 {
+    pub(crate) fn margin(&self) -> f64 {
         let marks = || self.panels.iter().flat_map(|p| &p.marks);
         if marks().any(|m| m.shape == Shape::Columns) {
             // half a column
@@ -235,18 +301,9 @@ mod tests {
 
     #[test]
     fn hostile_names_stay_inside_their_block() {
-        let figure = Figure {
-            id: "a".into(),
-            group: "g".into(),
-            caption: "</script><script>alert(1)</script>".into(),
-            label: "\"]}</script><!--".into(),
-            logarithmic: false,
-            at: vec![0.0, 1.0],
-            panels: Vec::new(),
-            names: Vec::new(),
-            half: false,
-            samples: None,
-        };
+        let figure = Figure::new("a", "</script><script>alert(1)</script>", "\"]}</script><!--", vec![0.0, 1.0])
+            .in_group("g")
+            .with_all(Vec::new());
         let text = figure.markup().into_string();
         assert_eq!(text.matches("<script").count(), 1);
         assert_eq!(text.matches("</script").count(), 1);

@@ -5,21 +5,21 @@ use maud::{Markup, html};
 
 /// A picture.
 #[derive(Debug, Clone)]
-pub(super) struct Picture {
+pub(crate) struct Picture {
     /// A name of its own on the page.
-    pub(super) id: String,
+    pub(crate) id: String,
     /// What it shows, in words.
-    pub(super) caption: String,
+    pub(crate) caption: String,
     /// On paper, in pixels.
-    pub(super) width: f64,
-    pub(super) height: f64,
+    pub(crate) width: f64,
+    pub(crate) height: f64,
     /// The inside of its SVG.
-    pub(super) body: Markup,
+    pub(crate) body: Markup,
 }
 
 impl Picture {
     /// As it stands on the page.
-    pub(super) fn markup(&self, class: &str) -> Markup {
+    pub(crate) fn markup(&self, class: &str) -> Markup {
         html! {
             figure class=(class) id=(self.id) {
                 figcaption { span.caption { (self.caption) } }
@@ -31,7 +31,7 @@ impl Picture {
     }
 
     /// As a file of its own.
-    pub(super) fn alone(&self, paper: Paper) -> String {
+    pub(crate) fn alone(&self, paper: Paper) -> String {
         let (width, height, body) = (self.width, self.height, self.body.clone());
         drawing::file(&[Sheet { caption: self.caption.clone(), key: html! {}, width, height, body }], paper)
     }

@@ -30,7 +30,7 @@ pub enum RasterError {
 ///
 /// # Errors
 /// [`RasterError`].
-pub(super) fn png(svg: &str, width: u32) -> Result<Vec<u8>, RasterError> {
+pub(crate) fn png(svg: &str, width: u32) -> Result<Vec<u8>, RasterError> {
     let undrawn = |e: String| RasterError::Undrawn(e);
     let mut fonts = fontdb::Database::new();
     fonts.load_font_data(UBUNTU_LIGHT.to_vec());

@@ -4,15 +4,15 @@ use super::number;
 
 /// An axis from `low` to `high`, never empty; of logarithms both are positive.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Scale {
-    pub(super) low: f64,
-    pub(super) high: f64,
-    pub(super) logarithmic: bool,
+pub(crate) struct Scale {
+    pub(crate) low: f64,
+    pub(crate) high: f64,
+    pub(crate) logarithmic: bool,
 }
 
 impl Scale {
     /// Around all finite values, with a margin as a share of their range.
-    pub(super) fn around<'a>(values: impl Iterator<Item = &'a f64>, margin: f64, logarithmic: bool) -> Self {
+    pub(crate) fn around<'a>(values: impl Iterator<Item = &'a f64>, margin: f64, logarithmic: bool) -> Self {
         let usable = values.filter(|v| v.is_finite() && (!logarithmic || **v > 0.0));
         let (low, high) = usable.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
         if low > high {
@@ -28,7 +28,7 @@ impl Scale {
     }
 
     /// Where a value lies between 0 (low) and 1 (high).
-    pub(super) fn share(&self, v: f64) -> f64 {
+    pub(crate) fn share(&self, v: f64) -> f64 {
         match self.logarithmic {
             true if v > 0.0 => (v / self.low).ln() / (self.high / self.low).ln(),
             true => f64::NAN,
@@ -37,7 +37,7 @@ impl Scale {
     }
 
     /// Round numbers on the axis, about `count` of them, with their labels.
-    pub(super) fn ticks(&self, count: usize) -> Vec<(f64, String)> {
+    pub(crate) fn ticks(&self, count: usize) -> Vec<(f64, String)> {
         let decades = (self.high / self.low).log10();
         if self.logarithmic && decades > 0.7 {
             let steps: &[f64] = if decades > 2.5 { &[1.0] } else { &[1.0, 2.0, 5.0] };

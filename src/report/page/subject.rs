@@ -1,6 +1,7 @@
 //! What a page is about, read from the files of a result.
 
-use super::table::Table;
+use super::columns::Columns;
+use super::number::unit_of_frequency;
 use fdm_estimate::{Iteration, ParameterEstimate, Status};
 use fdm_grammar::Source;
 use fdm_grammar::syntax::{SyntaxTree, parse};
@@ -15,32 +16,32 @@ use fdm_results::store::Manifest;
 #[derive(Debug)]
 pub struct Subject {
     /// What it was made from; none of work that goes on.
-    pub(super) manifest: Option<Manifest>,
+    pub(crate) manifest: Option<Manifest>,
     /// What there is to show.
-    pub(super) content: Content,
+    pub(crate) content: Content,
     /// The model's text.
-    pub(super) source: Source,
+    pub(crate) source: Source,
     /// What the text says; none when this program no longer reads it.
-    pub(super) tree: Option<SyntaxTree>,
+    pub(crate) tree: Option<SyntaxTree>,
     /// The model with the accepted effects.
-    pub(super) extended: Option<(Source, SyntaxTree)>,
+    pub(crate) extended: Option<(Source, SyntaxTree)>,
     /// Time histories: name of the run, then time, inputs, and of every output measurement, response and residual; of a
     /// diagnosis, responses before and after.
-    pub(super) runs: Vec<(String, Table)>,
+    pub(crate) runs: Vec<(String, Columns)>,
     /// Estimates and errors of every repeat of a study.
-    pub(super) repeats: Option<Table>,
+    pub(crate) repeats: Option<Columns>,
     /// Spectra: name of the run, then frequency, and of every output real and imaginary parts, measured and modelled.
-    pub(super) spectra: Vec<(String, Table)>,
+    pub(crate) spectra: Vec<(String, Columns)>,
 }
 
 /// What there is to show.
 #[derive(Debug)]
-pub(super) enum Content {
+pub(crate) enum Content {
     /// A fit, or regressions.
     Result(ResultDocument),
     /// A diagnosis.
     Diagnosis(Box<DiagnosisDocument>),
-    /// Work that goes on, and the seconds since it was told, where that is longer than it should be.
+    /// Work that goes on, and the seconds since it was reported, where that is longer than it should be.
     AtWork(Box<ProgressDocument>, Option<f64>),
 }
 
@@ -67,11 +68,11 @@ impl Subject {
         let source = Source::new(manifest.model_file.as_str(), content("model.fdm")?);
         let tree = parse(&source).ok();
         // a table for each run, by its number: names of files hold names of runs as far as file systems allow
-        let tables = |begins: fn(usize) -> String| -> Vec<(String, Table)> {
+        let tables = |begins: fn(usize) -> String| -> Vec<(String, Columns)> {
             let of_run = |(k, run): (usize, String)| {
                 let start = begins(k + 1);
                 let (_, content) = files.iter().find(|(name, _)| name.starts_with(&start) && name.ends_with(".csv"))?;
-                Some((run, Table::read(content)?))
+                Some((run, Columns::read(content)?))
             };
             manifest.data.iter().map(|d| d.run.clone()).enumerate().filter_map(of_run).collect()
         };
@@ -85,22 +86,22 @@ impl Subject {
             let source = Source::new("extended.fdm", text);
             parse(&source).ok().map(|tree| (source, tree))
         });
-        let repeats = content("repeats.csv").ok().and_then(|text| Table::read(text.as_bytes()));
+        let repeats = content("repeats.csv").ok().and_then(|text| Columns::read(text.as_bytes()));
         Ok(Self { content: found, extended, runs, repeats, spectra, source, tree, manifest: Some(manifest) })
     }
 
-    /// From what is told of work that goes on; `silent` are the seconds since it was told, where that is longer than it should be.
+    /// From the report of work that goes on; `silent` are the seconds since then, where that is longer than it should be.
     ///
     /// # Errors
     /// [`SubjectError`] when the text is something else.
     pub fn from_progress(text: &str, silent: Option<f64>) -> Result<Self, SubjectError> {
-        let told = from_text(text).ok().filter(ProgressDocument::is_ours);
-        let told = told.ok_or_else(|| SubjectError { file: "progress".into() })?;
-        let source = Source::new(told.manifest.model_file.as_str(), told.model_text.as_str());
+        let report = from_text(text).ok().filter(ProgressDocument::is_ours);
+        let report = report.ok_or_else(|| SubjectError { file: "progress".into() })?;
+        let source = Source::new(report.manifest.model_file.as_str(), report.model_text.as_str());
         let tree = parse(&source).ok();
         Ok(Self {
             manifest: None,
-            content: Content::AtWork(Box::new(told), silent),
+            content: Content::AtWork(Box::new(report), silent),
             extended: None,
             runs: Vec::new(),
             repeats: None,
@@ -111,28 +112,27 @@ impl Subject {
     }
 
     /// The name of the model.
-    pub(super) fn name(&self) -> &str {
+    pub(crate) fn name(&self) -> &str {
         match &self.content {
             Content::Result(result) => result.model(),
             Content::Diagnosis(_) => self.manifest.as_ref().map_or("model", |m| &m.model),
-            Content::AtWork(told, _) => &told.result.model,
+            Content::AtWork(report, _) => &report.result.model,
         }
     }
 
     /// The unit of time.
-    pub(super) fn time(&self) -> String {
+    pub(crate) fn time(&self) -> String {
         let column = self.runs.first().and_then(|(_, table)| table.column("t"));
         column.and_then(|c| c.unit.clone()).unwrap_or_else(|| "s".into())
     }
 
     /// The unit of frequency.
-    pub(super) fn frequency(&self) -> String {
-        let time = self.time();
-        if time == "s" { "Hz".to_string() } else { format!("cycles per {time}") }
+    pub(crate) fn frequency(&self) -> String {
+        unit_of_frequency(&self.time())
     }
 
     /// The fit, where it is one.
-    pub(super) fn fit(&self) -> Option<&FitDocument> {
+    pub(crate) fn fit(&self) -> Option<&FitDocument> {
         match &self.content {
             Content::Result(result) => result.fit(),
             _ => None,
@@ -140,7 +140,7 @@ impl Subject {
     }
 
     /// The regressions, where it is some.
-    pub(super) fn regression(&self) -> Option<&RegressionDocument> {
+    pub(crate) fn regression(&self) -> Option<&RegressionDocument> {
         match &self.content {
             Content::Result(result) => result.regression(),
             _ => None,
@@ -148,7 +148,7 @@ impl Subject {
     }
 
     /// The diagnosis, where it is one.
-    pub(super) fn diagnosis(&self) -> Option<&DiagnosisDocument> {
+    pub(crate) fn diagnosis(&self) -> Option<&DiagnosisDocument> {
         match &self.content {
             Content::Diagnosis(found) => Some(found),
             _ => None,
@@ -156,15 +156,15 @@ impl Subject {
     }
 
     /// The study, where it is one, or work on one.
-    pub(super) fn study(&self) -> Option<&Study> {
+    pub(crate) fn study(&self) -> Option<&Study> {
         match &self.content {
-            Content::AtWork(told, _) => told.result.study.as_ref(),
+            Content::AtWork(report, _) => report.result.study.as_ref(),
             _ => self.fit()?.study.as_ref(),
         }
     }
 
     /// The parameters, as far as they are there.
-    pub(super) fn parameters(&self) -> Vec<ParameterEstimate> {
+    pub(crate) fn parameters(&self) -> Vec<ParameterEstimate> {
         let plain = |p: &KeptParameter| ParameterEstimate {
             name: p.name.clone(),
             run: p.run.clone(),
@@ -184,8 +184,8 @@ impl Subject {
             Content::Result(ResultDocument::Fit(fit)) => fit.parameters.clone(),
             Content::Result(ResultDocument::Regression(all)) => all.parameters.iter().map(plain).collect(),
             Content::Diagnosis(_) => Vec::new(),
-            Content::AtWork(told, _) => {
-                let kept = told.result.parameters.iter().map(|p| KeptParameter {
+            Content::AtWork(report, _) => {
+                let kept = report.result.parameters.iter().map(|p| KeptParameter {
                     name: p.name.clone(),
                     run: p.run.clone(),
                     value: p.value,
@@ -200,41 +200,36 @@ impl Subject {
     }
 
     /// How well outputs are matched in time; none where there is no fit.
-    pub(super) fn outputs(&self) -> &[OutputDocument] {
+    pub(crate) fn outputs(&self) -> &[OutputDocument] {
         self.fit().map_or(&[], FitDocument::outputs_in_time)
     }
 
     /// How well outputs of validation runs were predicted.
-    pub(super) fn predicted(&self) -> &[OutputDocument] {
+    pub(crate) fn predicted(&self) -> &[OutputDocument] {
         self.fit().and_then(|fit| fit.validation_runs.as_ref()).map_or(&[], |predicted| &predicted.outputs)
     }
 
     /// The iteration.
-    pub(super) fn history(&self) -> &[Iteration] {
+    pub(crate) fn history(&self) -> &[Iteration] {
         match &self.content {
-            Content::AtWork(told, _) => &told.result.history,
+            Content::AtWork(report, _) => &report.result.history,
             _ => self.fit().map_or(&[], |fit| &fit.history),
         }
     }
 
     /// What came of the starts that have ended.
-    pub(super) fn starts(&self) -> &[StartDocument] {
+    pub(crate) fn starts(&self) -> &[StartDocument] {
         match &self.content {
-            Content::AtWork(told, _) => told.result.starts.as_deref().unwrap_or_default(),
+            Content::AtWork(report, _) => report.result.starts.as_deref().unwrap_or_default(),
             _ => self.fit().map_or(&[], FitDocument::starts),
         }
     }
 
     /// The modes of the model as it was found.
-    pub(super) fn modes(&self) -> Option<&ModesDocument> {
+    pub(crate) fn modes(&self) -> Option<&ModesDocument> {
         match &self.content {
             Content::Result(result) => result.modes(),
             _ => None,
         }
     }
-}
-
-/// A name, and the run that it belongs to where there is one.
-pub(super) fn called(name: &str, run: Option<&str>) -> String {
-    run.map_or_else(|| name.to_string(), |run| format!("{name} ({run})"))
 }

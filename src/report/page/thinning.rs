@@ -1,8 +1,36 @@
 //! Fewer points for long records, without losing an extreme: of every part of the record, what is least and greatest of every line.
 
+/// The samples of lines that are drawn.
+pub(crate) struct Kept {
+    indices: Vec<usize>,
+    of: usize,
+}
+
+impl Kept {
+    /// At most about `most` samples of lines of one length.
+    pub(crate) fn new(lines: &[&[f64]], most: usize) -> Self {
+        Self { indices: kept(lines, most), of: lines.first().map_or(0, |l| l.len()) }
+    }
+
+    /// Places of the samples, rising.
+    pub(crate) fn indices(&self) -> &[usize] {
+        &self.indices
+    }
+
+    /// What is drawn of a line.
+    pub(crate) fn pick(&self, values: &[f64]) -> Vec<f64> {
+        self.indices.iter().filter_map(|k| values.get(*k).copied()).collect()
+    }
+
+    /// How many samples there are, where not all are drawn.
+    pub(crate) fn samples(&self) -> Option<usize> {
+        (self.indices.len() < self.of).then_some(self.of)
+    }
+}
+
 /// Indices of the samples that are drawn, rising; all where there are at most `most`. Lines are of one length; a value that is
 /// not there is kept where its whole part is not there, so that gaps remain.
-pub(super) fn kept(lines: &[&[f64]], most: usize) -> Vec<usize> {
+pub(crate) fn kept(lines: &[&[f64]], most: usize) -> Vec<usize> {
     let n = lines.first().map_or(0, |l| l.len());
     if n <= most {
         return (0..n).collect();

@@ -1,7 +1,8 @@
 //! The linear model at the trim: A, B, C, D and what multiplies delayed signals, as numbers and as expressions.
 
 use super::Shown;
-use crate::table::{aligned_right, plain, trimmed};
+use crate::section::Rows;
+use crate::text;
 use fdm_grammar::derive::{Jacobian, Partials, differentiate};
 use fdm_grammar::graph::{Leaf, Names, show};
 use fdm_results::documents::stages::{Coefficient, CoefficientMatrix, LinearStage, StageDocument};
@@ -95,17 +96,15 @@ fn matrix(name: &str, rows: &[String], columns: &[String], entries: &[Entry]) ->
         let line = |e: &Entry| format!("{name}[{}, {}] = {}\n", rows[e.row], columns[e.column], number(e.value));
         return entries.iter().map(line).collect::<String>() + "\n";
     }
-    let mut header = vec![name];
-    header.extend(columns.iter().map(String::as_str));
-    let mut table = plain(&header);
-    for (i, row) in rows.iter().enumerate() {
-        let mut cells = vec![row.clone()];
-        cells.resize(columns.len() + 1, ".".into());
-        entries.iter().filter(|e| e.row == i).for_each(|e| cells[e.column + 1] = number(e.value));
-        table.add_row(cells);
+    let mut table = Rows::over(rows.iter().enumerate());
+    table.words(name, |(_, row)| row.to_string());
+    for (j, column) in columns.iter().enumerate() {
+        table.number(column, |(i, _)| {
+            let entry = entries.iter().rfind(|e| e.row == *i && e.column == j);
+            entry.map_or(".".into(), |e| number(e.value))
+        });
     }
-    (1..=columns.len()).for_each(|k| aligned_right(&mut table, k));
-    trimmed(&table) + "\n"
+    text::table(table) + "\n"
 }
 
 fn document(rows: Vec<String>, columns: Vec<String>, entries: Vec<Entry>) -> CoefficientMatrix {

@@ -1,7 +1,8 @@
 //! What every name of a model is, and its equations after everything was put in its place.
 
 use super::Shown;
-use crate::table::{aligned_right, plain, trimmed};
+use crate::section::Rows;
+use crate::text;
 use fdm_grammar::graph::{Leaf, Names, Signal, show};
 use fdm_grammar::model::{Input, Origin, Param, Quantity};
 use fdm_grammar::syntax::{Printer, Role, StatementKind, parse_recovering};
@@ -21,15 +22,16 @@ struct Declared {
 pub(super) fn names(model: &Model) -> Shown {
     let declared = declared(model);
     let definition = model.definition();
-    let mut table = plain(&["name", "is a", "unit", "value", "", "meaning"]);
-    for d in &declared {
-        let unit = d.unit.as_deref().unwrap_or_default();
-        let value = d.value.map(|v| v.to_string()).unwrap_or_default();
-        table.add_row([&d.name, d.role, unit, &value, &d.more, &d.doc]);
-    }
-    aligned_right(&mut table, 3);
+    let mut table = Rows::over(&declared);
+    table.name("name", |d| d.name.clone());
+    table.words("is a", |d| d.role);
+    table.words("unit", |d| d.unit.clone().unwrap_or_default());
+    table.number("value", |d| d.value.map(|v| v.to_string()).unwrap_or_default());
+    table.words("", |d| d.more.clone());
+    table.words("meaning", |d| d.doc.clone());
+    let table = text::table(table);
     let doc = if definition.doc.is_empty() { String::new() } else { format!(": {}", definition.doc) };
-    let mut text = format!("{}{doc}\ntimes are in {}\n\n{}", model.name(), definition.time, trimmed(&table));
+    let mut text = format!("{}{doc}\ntimes are in {}\n\n{}", model.name(), definition.time, table);
     let equations = equations(model);
     let widest = equations.iter().map(|(left, _)| left.chars().count()).max().unwrap_or(0);
     text.push('\n');

@@ -1,4 +1,4 @@
-//! Several results side by side: which model the data prefer, and which predicts what was held out.
+//! Several results side by side: which model the data prefer, and which predicts validation data best.
 //!
 //! **In** results that were written ([`ResultFolder`](crate::store::ResultFolder)) and runs that none of them was fitted to. **Out**
 //! [`Comparison`]: criteria where the costs are of the same data, tests of models of which one holds the other, predictions and whether
@@ -29,11 +29,11 @@ pub struct Comparison {
     pub inflation: Option<f64>,
     /// Pairs of models of which one seems to hold the other.
     pub nestings: Vec<Nesting>,
-    /// What each predicts of the held-out runs, in the order of the results; empty without such runs.
+    /// What each predicts of the validation runs, in the order of the results; empty without such runs.
     pub predictions: Vec<Prediction>,
     /// Squared residuals of the best prediction beside those of the others.
     pub edges: Vec<Edge>,
-    /// Parameters and predictions averaged over the models; none where nothing tells their weights.
+    /// Parameters and predictions averaged over the models; none where nothing determines their weights.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub averaged: Option<Averaged>,
 }
@@ -51,7 +51,7 @@ pub fn compare(mut candidates: Vec<Candidate>) -> Comparison {
 }
 
 impl Comparison {
-    /// Adds what was predicted of runs that were held out, in the order of the results.
+    /// Adds what was predicted of validation runs, in the order of the results.
     pub fn with_predictions(mut self, predictions: Vec<Prediction>) -> Self {
         self.edges = prediction::edges(&predictions);
         self.averaged = Averaged::of(&self.candidates, &predictions, self.inflation);

@@ -2,13 +2,13 @@
 
 use crate::store::ResultFolder;
 use fdm_estimate::residuals::{Advantage, OutputFit, advantage};
-use fdm_estimate::{Fit, FitError, Observer, fit};
+use fdm_estimate::{Fit, FitError, Work, fit};
 use fdm_numeric::statistics::normal_quantile;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use serde::{Deserialize, Serialize};
 
-/// What a result predicts of the held-out runs, initial states and biases found anew.
+/// What a result predicts of validation runs, initial states and biases found anew.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 pub struct Prediction {
     /// The name of the result.
@@ -47,7 +47,7 @@ pub struct Edge {
     pub best: String,
     /// The other result.
     pub other: String,
-    /// By how much it is better, and whether that could be chance; none where too little is independent to tell.
+    /// By how much it is better, and whether that could be chance; none where too little is independent.
     pub advantage: Option<Advantage>,
 }
 
@@ -60,11 +60,11 @@ pub fn predict(
     folder: &ResultFolder,
     model: &Model,
     runs: &[Run],
-    observer: &mut dyn Observer,
+    work: &Work<'_>,
 ) -> Result<(Prediction, Fit), FitError> {
     let mut options = folder.validation(model);
     options.options.colour = false;
-    let found = fit(model, runs, &options, observer)?;
+    let found = fit(model, runs, &options, work)?;
     let estimate = &found.estimate;
     let outputs = &found.model.definition().outputs;
     let q = outputs.len();

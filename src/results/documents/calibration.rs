@@ -46,7 +46,7 @@ impl CalibrationDocument {
     /// A family-wise p below this speaks against the draws.
     pub const LEAST: f64 = 0.01;
 
-    /// The p below which a parameter by itself is told (Šidák).
+    /// The p below which a parameter by itself is not uniform (Šidák).
     pub fn alone(&self) -> f64 {
         -((-Self::LEAST).ln_1p() / self.parameters.len().max(1) as f64).exp_m1()
     }
@@ -58,8 +58,8 @@ impl CalibrationDocument {
 }
 
 impl CalibratedParameter {
-    /// What the ranks say, in words; `alone` is the p below which one parameter by itself is told.
-    pub fn said(&self, alone: f64) -> &'static str {
+    /// What the ranks say, in words; `alone` is the p below which one parameter by itself is not uniform.
+    pub fn judgement(&self, alone: f64) -> &'static str {
         match () {
             () if self.p >= alone => "uniform",
             () if self.spread > self.shift.abs() => "draws too close together",

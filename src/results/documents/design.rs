@@ -4,7 +4,7 @@ use fdm_estimate::Direction;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// What the next runs would tell.
+/// What the next runs would determine.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 pub struct Design {
     /// What is known of each parameter: now, after each planned run, and by which manoeuvre it would be known best.
@@ -34,7 +34,7 @@ pub struct Outlook {
     pub now: Option<f64>,
     /// After each planned run.
     pub then: Vec<Option<f64>>,
-    /// The manoeuvre that as the next run would tell most about it (its place in `gains`), and the error that it would leave.
+    /// The manoeuvre that as the next run would determine it best (its place in `gains`), and the error that it would leave.
     pub best: Option<(usize, f64)>,
 }
 

@@ -2,9 +2,8 @@
 
 use super::doctor::JudgedRecords;
 use fdm_discover::{
-    Alternative, Attribution, Biased, Cause, Detectable, Diagnosis, EffectAt, Feedback, FrontModel, LackOfFit, LeftOut,
-    NewValue, Ordinate, OutputGain, PlaceEvidence, PlaceKind, Rejected, RunGain, Screened, SelectionStep, Suggestions,
-    Verdict,
+    Attribution, Biased, Cause, Detectable, Diagnosis, Feedback, FrontModel, LackOfFit, LeftOut, Ordinate, OutputGain,
+    PlaceEvidence, PlaceKind, Rejected, RunGain, SelectionStep, Suggestions, Verdict,
 };
 use serde::{Deserialize, Serialize};
 
@@ -16,7 +15,7 @@ pub struct DiagnosisDocument {
     /// The chance that noise alone makes any effect look as good as the best one.
     pub family_wise_p: f64,
     /// In the order in which they were accepted.
-    pub causes: Vec<CauseDocument>,
+    pub causes: Vec<Cause>,
     /// What is wrong with every output of the model as it was given.
     pub lack_of_fit: Vec<LackOfFit>,
     /// How small each effect could have been.
@@ -44,7 +43,7 @@ pub struct DiagnosisDocument {
     /// What was fitted and not accepted.
     pub rejected: Vec<Rejected>,
     /// Each search.
-    pub searches: Vec<Search>,
+    pub searches: Vec<SelectionStep>,
     /// Parameters that the missing effect had moved.
     pub biased_parameters: Vec<Biased>,
     /// What each run gains.
@@ -68,60 +67,6 @@ pub struct DiagnosisDocument {
     pub records: Option<JudgedRecords>,
 }
 
-/// A cause that was found.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct CauseDocument {
-    /// The effect's name in the catalogue.
-    pub effect: String,
-    /// The names that it is attached to.
-    pub targets: Vec<String>,
-    /// In words.
-    pub doc: String,
-    /// Its parameters.
-    pub parameters: Vec<NewParameter>,
-    /// Gain in log-likelihood on the runs that were fitted.
-    pub gain_training: f64,
-    /// Gain on the validation runs.
-    pub gain_validation: Option<f64>,
-    /// What screening had predicted.
-    pub gain_predicted: f64,
-    /// Gains less the penalty of its parameters.
-    pub score: f64,
-    /// The chance that noise alone makes any effect look as good.
-    pub p: f64,
-    /// The effects that these data cannot tell from this one, itself included.
-    pub group: Vec<Alternative>,
-    /// The experiment that would.
-    pub separating_experiment: Option<String>,
-}
-
-/// A parameter that an effect brought.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct NewParameter {
-    /// Its name in the extended model.
-    pub name: String,
-    /// What it is.
-    pub doc: String,
-    /// Its estimate.
-    pub value: f64,
-    /// Its standard error.
-    pub standard_error: Option<f64>,
-    /// Its unit.
-    pub unit: Option<String>,
-    /// The value at which the effect vanishes.
-    pub null: Option<Null>,
-}
-
-/// The value at which an effect vanishes: it may be infinite, which JSON has no number for.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(untagged)]
-pub enum Null {
-    /// A finite one.
-    Number(f64),
-    /// `inf` or `-inf`.
-    Word(String),
-}
-
 /// The course of a disturbance.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DisturbanceCourse {
@@ -133,24 +78,13 @@ pub struct DisturbanceCourse {
     pub course: Vec<Vec<Ordinate>>,
 }
 
-/// One search for one more effect.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Search {
-    /// The chance that noise alone makes any candidate look as good as the best one.
-    pub family_wise_p: f64,
-    /// The effect that was accepted.
-    pub accepted: Option<EffectAt>,
-    /// Candidates by rank.
-    pub ranking: Vec<Screened>,
-}
-
 impl DiagnosisDocument {
     /// Of a diagnosis; `extended_model` is where the extended text was written.
     pub fn of(d: &Diagnosis, extended_model: Option<&str>) -> Self {
         Self {
             verdict: d.verdict,
             family_wise_p: d.family_wise_p,
-            causes: d.causes.iter().map(CauseDocument::from).collect(),
+            causes: d.causes.clone(),
             lack_of_fit: d.lack_of_fit.clone(),
             detectable: d.detectable.clone(),
             extended_model: extended_model.map(str::to_string),
@@ -163,7 +97,7 @@ impl DiagnosisDocument {
             stopped: d.stopped,
             front: d.front.clone(),
             rejected: d.rejected.clone(),
-            searches: d.steps.iter().map(Search::from).collect(),
+            searches: d.steps.clone(),
             biased_parameters: d.biased.clone(),
             gains: d.gains.clone(),
             outputs: d.outputs.clone(),
@@ -175,44 +109,6 @@ impl DiagnosisDocument {
             notes: d.notes.iter().chain(d.spectral.iter().flat_map(|s| &s.notes)).cloned().collect(),
             records: None,
         }
-    }
-}
-
-impl From<&Cause> for CauseDocument {
-    fn from(c: &Cause) -> Self {
-        Self {
-            effect: c.place.effect.clone(),
-            targets: c.place.targets.clone(),
-            doc: c.doc.clone(),
-            parameters: c.parameters.iter().map(NewParameter::from).collect(),
-            gain_training: c.gain_training,
-            gain_validation: c.gain_validation,
-            gain_predicted: c.gain_predicted,
-            score: c.score,
-            p: c.p,
-            group: c.group.clone(),
-            separating_experiment: c.separating_experiment.clone(),
-        }
-    }
-}
-
-impl From<&NewValue> for NewParameter {
-    fn from(p: &NewValue) -> Self {
-        let null = |v: f64| if v.is_finite() { Null::Number(v) } else { Null::Word(v.to_string()) };
-        Self {
-            name: p.name.clone(),
-            doc: p.doc.clone(),
-            value: p.value,
-            standard_error: p.standard_error,
-            unit: p.unit.clone(),
-            null: p.null.map(null),
-        }
-    }
-}
-
-impl From<&SelectionStep> for Search {
-    fn from(r: &SelectionStep) -> Self {
-        Self { family_wise_p: r.family_wise_p, accepted: r.accepted.clone(), ranking: r.ranking.clone() }
     }
 }
 

@@ -15,7 +15,7 @@ pub struct JudgedRecords {
 
 impl JudgedRecords {
     /// None where nothing was assumed or found.
-    pub fn said(self) -> Option<Self> {
+    pub fn unless_empty(self) -> Option<Self> {
         (!self.assumed.is_empty() || !self.findings.is_empty()).then_some(self)
     }
 

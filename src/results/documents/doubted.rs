@@ -25,7 +25,7 @@ pub(super) fn sentence(doubted: &DoubtedInitials) -> Option<String> {
         let (found, stated) = (by_error(v.found, v.error), digits(v.stated, 3));
         format!("with `{}` at {found}{unit}{run}, the text says {stated}", v.state)
     };
-    let told: Vec<String> = states.iter().take(NAMED).map(one).collect();
+    let stated: Vec<String> = states.iter().take(NAMED).map(one).collect();
     let free: Vec<String> = states.iter().map(|v| format!("{} = free", v.state)).collect();
     let moved =
         |m: &MovedParameter| format!("{} {} in place of {}", m.name, by_error(m.value, m.error), digits(m.before, 3));
@@ -34,7 +34,7 @@ pub(super) fn sentence(doubted: &DoubtedInitials) -> Option<String> {
     let gain = digits(doubted.gain, 3);
     Some(format!(
         "the record begins {}: write `state {};`, log-likelihood +{gain}{then}",
-        told.join("; "),
+        stated.join("; "),
         free.join(", ")
     ))
 }

@@ -23,7 +23,7 @@ use serde::{Deserialize, Serialize};
 
 /// What every fit says, and beside it what its method adds. A key that a method does not have is missing; one that has nothing to say
 /// here is null.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct FitDocument {
     /// The model's name.
     pub model: String,
@@ -167,7 +167,7 @@ pub struct FitDocument {
 }
 
 /// How an iteration ended, in one word.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Terminated {
     /// At a minimum.
@@ -182,7 +182,8 @@ pub enum Terminated {
     Unanswered,
     /// An output at the start values is not finite.
     NotFinite,
-    /// It was interrupted.
+    /// It was interrupted, or never begun.
+    #[default]
     Interrupted,
     /// The time that was given was over.
     TimeLimit,
@@ -210,7 +211,7 @@ impl From<&Termination> for Terminated {
 }
 
 /// Simulations of all runs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Evaluations {
     /// With sensitivities.
     pub with_sensitivities: usize,
@@ -358,7 +359,7 @@ impl FitDocument {
         Self {
             method: Some("filter error".into()),
             deviations: Some(found.deviations.clone()),
-            not_identifiable: Some(found.silent.clone()),
+            not_identifiable: Some(found.not_identifiable.clone()),
             ..Self::of(&found.fit)
         }
     }
@@ -418,32 +419,7 @@ impl FitDocument {
             condition: e.condition,
             history: e.history.clone(),
             remarks: estimate_remarks(e),
-            doubted_initials: None,
-            first_cause: None,
-            integration: None,
-            fallback: None,
-            fallback_message: None,
-            interpolations: Vec::new(),
-            substituted: None,
-            shooting: None,
-            by_length: None,
-            confidence: None,
-            weights: None,
-            starts: None,
-            method: None,
-            loss: None,
-            deviations: None,
-            not_identifiable: None,
-            frequency_domain: None,
-            frequency_responses: None,
-            time_domain: None,
-            validation_runs: None,
-            study: None,
-            validation: None,
-            modes: None,
-            requirements: Vec::new(),
-            bode: Vec::new(),
-            records: None,
+            ..Self::default()
         }
     }
 

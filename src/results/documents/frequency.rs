@@ -30,7 +30,7 @@ pub struct FrequencyDomain {
     /// Where the model was linearised, when that matters.
     pub trim: Option<TrimValues>,
     /// What the estimation began with.
-    pub first_values: Vec<FirstValueDocument>,
+    pub first_values: Vec<StartingValue>,
     /// Free parameters that are not identifiable in this band.
     pub not_identifiable: Vec<String>,
     /// Inputs without power in the band of any run.
@@ -112,23 +112,6 @@ impl TrimValues {
     }
 }
 
-/// What an estimation began with.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct FirstValueDocument {
-    /// The parameter.
-    pub parameter: String,
-    /// Its first value.
-    pub value: f64,
-    /// The equations whose regression gave it; none when it is the model's own.
-    pub equations: Vec<String>,
-}
-
-impl From<&StartingValue> for FirstValueDocument {
-    fn from(first: &StartingValue) -> Self {
-        Self { parameter: first.parameter.clone(), value: first.value, equations: first.equations.clone() }
-    }
-}
-
 /// An unstable mode that no response shows.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct UnobservableModeDocument {
@@ -160,12 +143,12 @@ impl FrequencyDomain {
             independent_frequencies: fit.independent,
             frequencies: fit.spectra.iter().map(|s| s.omega.len()).collect(),
             bridged: fit.bridged.iter().map(BridgeDocument::of).collect(),
-            end_points: fit.ends.clone(),
+            end_points: fit.end_points.clone(),
             measured_regressors: regressors
                 .map(|t| MeasuredRegressorDocument { term: t.text.clone(), equations: t.equations.clone() })
                 .collect(),
             trim: fit.trim.as_ref().map(TrimValues::of),
-            first_values: fit.starting_values.iter().map(FirstValueDocument::from).collect(),
+            first_values: fit.starting_values.clone(),
             not_identifiable: fit.not_identifiable.clone(),
             unexcited_inputs: fit.unexcited.clone(),
             dependent_outputs: fit.dependent.clone(),
@@ -198,7 +181,7 @@ pub struct FrequencyResponses {
     /// Where the model was linearised, when that matters.
     pub trim: Option<TrimValues>,
     /// What the estimation began with.
-    pub first_values: Vec<FirstValueDocument>,
+    pub first_values: Vec<StartingValue>,
     /// Free parameters that are not identifiable in this band.
     pub not_identifiable: Vec<String>,
     /// Unstable modes that no response shows.
@@ -266,7 +249,7 @@ impl FrequencyResponses {
             least_coherence: fit.least_coherence,
             sensitivities: fit.sensitivities.clone(),
             trim: fit.trim.as_ref().map(TrimValues::of),
-            first_values: fit.starting_values.iter().map(FirstValueDocument::from).collect(),
+            first_values: fit.starting_values.clone(),
             not_identifiable: fit.not_identifiable.clone(),
             unobservable_or_uncontrollable_modes: fit
                 .unobservable

@@ -1,8 +1,8 @@
-//! How far the tasks of a job are, and what the programs that work on them tell.
+//! How far the tasks of a job are, and what the programs that work on them report.
 
 use serde::{Deserialize, Serialize};
 
-/// What a program tells while it works on a shard.
+/// What a program reports while it works on a shard.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ShardAtWork {
     /// Which part of the tasks, as `i/N`.
@@ -21,22 +21,22 @@ pub struct ShardAtWork {
     pub elapsed: f64,
 }
 
-/// What a shard at work told, and when it was heard of.
+/// The report of a shard at work, and when it was heard of.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ShardStatus {
-    /// What it told.
+    /// Its report.
     #[serde(flatten)]
-    pub told: ShardAtWork,
-    /// Seconds since it told that.
+    pub report: ShardAtWork,
+    /// Seconds since then.
     pub silent: f64,
-    /// Whether it is at work, as far as can be told.
+    /// Whether it is at work, as far as is known.
     pub alive: bool,
 }
 
 /// How far one command is.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CommandStatus {
-    /// What tells its result from those of the others; empty where there is only one.
+    /// What distinguishes its result from those of the others; empty where there is only one.
     pub name: String,
     /// The command line.
     pub command: Vec<String>,
@@ -65,7 +65,7 @@ pub struct JobStatus {
     pub missing: Vec<String>,
     /// Each command.
     pub commands: Vec<CommandStatus>,
-    /// The programs that told something; those that have ended tell nothing.
+    /// The programs that have reported; those that have ended report nothing.
     pub shards: Vec<ShardStatus>,
     /// Files with results.
     pub files: usize,

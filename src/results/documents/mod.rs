@@ -38,30 +38,30 @@ pub mod sample;
 pub mod stages;
 pub mod study;
 
-pub use diagnosis::{CauseDocument, DiagnosisDocument, DisturbanceCourse, NewParameter, Null, Search};
+pub use diagnosis::{DiagnosisDocument, DisturbanceCourse};
 pub use digits::{digits, digits_by_error, digits_of_end, fixed};
 pub use doctor::{DoctorDocument, JudgedRecords};
 pub use fit::{BandCoverage, Evaluations, FitDocument, Integration, Matrix, StartDocument, Terminated, Validation};
 pub use frequency::{
-    BridgeDocument, FirstValueDocument, FrequencyDomain, FrequencyResponses, MeasuredRegressorDocument,
-    MultipleCoherence, Pair, ResponseNames, SpectraDocument, SpectraPair, TimeDomain, TrimValues,
-    UnobservableModeDocument,
+    BridgeDocument, FrequencyDomain, FrequencyResponses, MeasuredRegressorDocument, MultipleCoherence, Pair,
+    ResponseNames, SpectraDocument, SpectraPair, TimeDomain, TrimValues, UnobservableModeDocument,
 };
 pub use job::{CommandStatus, JobStatus, ShardAtWork, ShardStatus};
 pub use json::{from_text, to_text};
 pub use log::{FieldDocument, LogDocument, TopicDocument};
 pub use model::{
-    CatalogueDocument, ChannelDocument, Derivatives, DiscrepancyDocument, Diverged, EffectDocument, EffectsDocument,
-    InputDocument, ModelDocument, OutputDeclared, ParamDocument, PlaceDocument, PriorDocument, QuantityDocument,
-    ResponseDocument, SlotDocument, StateDocument,
+    CatalogueDocument, ChannelDocument, Derivatives, Diverged, EffectDocument, EffectsDocument, InputDocument,
+    ModelDocument, OutputDeclared, ParamDocument, PlaceDocument, PriorDocument, QuantityDocument, ResponseDocument,
+    SlotDocument, StateDocument,
 };
-pub use modes::{Component, ModeDocument, ModesDocument, StandardErrors, TrimDocument, trim_sentence};
+pub use modes::{Component, ModeDocument, ModesDocument, TrimDocument, trim_sentence};
 pub use outputs::OutputDocument;
 pub use progress::{AtWork, CourseDocument, CourseParameter, ProgressDocument, ProgressManifest};
 pub use regression::{
     Iterates, RecursiveDocument, RecursiveValue, RefusalDocument, RegressionDocument, SimulatedError, StructureDocument,
 };
 pub use remarks::{
-    About, Remark, estimate_remarks, fit_remarks, limit_within_bounds, residual_remarks, spectral_remarks,
+    About, CORRELATED, OFFSET, RELIABLE, Remark, estimate_remarks, fit_remarks, limit_within_bounds, residual_remarks,
+    smoothness, spectral_remarks, with_run,
 };
 pub use result::{KeptParameter, ResultDocument};

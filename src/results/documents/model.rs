@@ -41,12 +41,9 @@ pub struct QuantityDocument {
 /// An input.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct InputDocument {
-    /// The name.
-    pub name: String,
-    /// Its unit, as text.
-    pub unit: Option<String>,
-    /// What it means.
-    pub doc: String,
+    /// What it is.
+    #[serde(flatten)]
+    pub quantity: QuantityDocument,
     /// The output whose record it is, where it has no column of its own.
     pub record_of: Option<String>,
 }
@@ -54,12 +51,9 @@ pub struct InputDocument {
 /// A state.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct StateDocument {
-    /// The name.
-    pub name: String,
-    /// Its unit, as text.
-    pub unit: Option<String>,
-    /// What it means.
-    pub doc: String,
+    /// What it is.
+    #[serde(flatten)]
+    pub quantity: QuantityDocument,
     /// The intensity of the noise in its equation.
     pub noise: Option<String>,
 }
@@ -67,12 +61,9 @@ pub struct StateDocument {
 /// A parameter.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ParamDocument {
-    /// The name.
-    pub name: String,
-    /// Its unit, as text.
-    pub unit: Option<String>,
-    /// What it means.
-    pub doc: String,
+    /// What it is.
+    #[serde(flatten)]
+    pub quantity: QuantityDocument,
     /// Its start value.
     pub value: f64,
     /// Least admissible value.
@@ -102,12 +93,9 @@ pub struct PriorDocument {
 /// An output.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct OutputDeclared {
-    /// The name.
-    pub name: String,
-    /// Its unit, as text.
-    pub unit: Option<String>,
-    /// What it means.
-    pub doc: String,
+    /// What it is.
+    #[serde(flatten)]
+    pub quantity: QuantityDocument,
     /// Standard deviation of its measurement noise, where it is declared.
     pub noise: Option<f64>,
     /// Standard deviation of its measurement noise as an expression, where it is declared so.
@@ -130,33 +118,19 @@ pub struct Derivatives {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub directions: Option<usize>,
     /// The one that differs most.
-    pub worst: Option<DiscrepancyDocument>,
+    pub worst: Option<Discrepancy>,
     /// Entries that differ by too much.
-    pub failures: Vec<DiscrepancyDocument>,
-}
-
-/// A derivative that differs.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct DiscrepancyDocument {
-    /// What is differentiated.
-    pub equation: String,
-    /// By what; none for the value itself.
-    pub by: Option<String>,
-    /// As generated.
-    pub symbolic: Option<f64>,
-    /// By a complex step.
-    pub numeric: Option<f64>,
-    /// Their difference, relative.
-    pub relative: Option<f64>,
+    pub failures: Vec<Discrepancy>,
 }
 
 fn finite(v: f64) -> Option<f64> {
     v.is_finite().then_some(v)
 }
 
-/// Name, unit as text, meaning.
-fn parts(q: &Quantity) -> (String, Option<String>, String) {
-    (q.name.clone(), q.unit.as_ref().map(ToString::to_string), q.doc.clone())
+impl From<&Quantity> for QuantityDocument {
+    fn from(q: &Quantity) -> Self {
+        Self { name: q.name.clone(), unit: q.unit.as_ref().map(ToString::to_string), doc: q.doc.clone() }
+    }
 }
 
 impl ModelDocument {
@@ -164,43 +138,32 @@ impl ModelDocument {
     pub fn of(model: &Model, verification: &Verification) -> Self {
         let definition = model.definition();
         let param = |p: &Param| {
-            let (name, unit, doc) = parts(&p.quantity);
+            let quantity = QuantityDocument::from(&p.quantity);
             let prior = p.prior.map(|prior| PriorDocument { mean: prior.mean, deviation: prior.deviation });
             let (lower, upper) = (finite(p.lower), finite(p.upper));
             let Param { value, fixed, per_run, logarithmic, .. } = *p;
-            ParamDocument { name, unit, doc, value, lower, upper, fixed, per_run, logarithmic, prior }
+            ParamDocument { quantity, value, lower, upper, fixed, per_run, logarithmic, prior }
         };
         let input = |i: &Input| {
-            let (name, unit, doc) = parts(&i.quantity);
+            let quantity = QuantityDocument::from(&i.quantity);
             let record_of = i.measured.map(|o| definition.outputs[o as usize].quantity.name.clone());
-            InputDocument { name, unit, doc, record_of }
+            InputDocument { quantity, record_of }
         };
         let state = |s: &State| {
-            let (name, unit, doc) = parts(&s.quantity);
-            StateDocument { name, unit, doc, noise: s.noise.map(|e| show(&definition.graph, e, definition)) }
+            let quantity = QuantityDocument::from(&s.quantity);
+            StateDocument { quantity, noise: s.noise.map(|e| show(&definition.graph, e, definition)) }
         };
         let output = |o: &Output| {
-            let (name, unit, doc) = parts(&o.quantity);
+            let quantity = QuantityDocument::from(&o.quantity);
             let noise_model = o.noise_model.map(|e| show(&definition.graph, e, definition));
-            OutputDeclared { name, unit, doc, noise: o.noise, noise_model }
-        };
-        let derived = |q: &Quantity| {
-            let (name, unit, doc) = parts(q);
-            QuantityDocument { name, unit, doc }
-        };
-        let found = |d: &Discrepancy| DiscrepancyDocument {
-            equation: d.equation.clone(),
-            by: d.by.clone(),
-            symbolic: finite(d.symbolic),
-            numeric: finite(d.numeric),
-            relative: finite(d.relative),
+            OutputDeclared { quantity, noise: o.noise, noise_model }
         };
         Self {
             model: model.name().into(),
             inputs: definition.inputs.iter().map(input).collect(),
             states: definition.states.iter().map(state).collect(),
             parameters: definition.params.iter().filter(|p| !p.is_recorded()).map(param).collect(),
-            derived: definition.derived.iter().map(|d| derived(&d.quantity)).collect(),
+            derived: definition.derived.iter().map(|d| QuantityDocument::from(&d.quantity)).collect(),
             outputs: definition.outputs.iter().map(output).collect(),
             derivatives: Derivatives {
                 passed: verification.passed(),
@@ -208,8 +171,8 @@ impl ModelDocument {
                 skipped: verification.skipped,
                 compared: verification.compared,
                 directions: Some(verification.directions).filter(|count| *count > 0),
-                worst: verification.worst.as_ref().map(found),
-                failures: verification.failures.iter().map(found).collect(),
+                worst: verification.worst.clone(),
+                failures: verification.failures.clone(),
             },
         }
     }
@@ -343,6 +306,6 @@ pub struct Diverged {
     pub time: f64,
     /// Before which sample.
     pub sample: usize,
-    /// Which state, where that can be told.
+    /// Which state, where that is known.
     pub state: Option<String>,
 }

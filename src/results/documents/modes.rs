@@ -61,7 +61,7 @@ pub struct ModeDocument {
     pub time_to_double: Option<f64>,
     /// Standard errors: missing where the parameters have none, null where the eigenvalue is not apart from others.
     #[serde(default, deserialize_with = "present", skip_serializing_if = "Option::is_none")]
-    pub standard_errors: Option<Option<StandardErrors>>,
+    pub standard_errors: Option<Option<ModeErrors>>,
 }
 
 /// What a state does in a mode: size and phase relative to the state that does most, each in its own unit.
@@ -77,21 +77,6 @@ pub struct Component {
     pub unit: Option<String>,
 }
 
-/// Standard errors of an eigenvalue.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct StandardErrors {
-    /// Of the real part.
-    pub re: f64,
-    /// Of the imaginary part.
-    pub im: f64,
-    /// Covariance of both.
-    pub covariance: f64,
-    /// Of the damping ratio.
-    pub damping: f64,
-    /// Of the frequency.
-    pub frequency: f64,
-}
-
 /// Where a model was linearised.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TrimDocument {
@@ -105,17 +90,11 @@ pub struct TrimDocument {
     pub inputs: BTreeMap<String, f64>,
 }
 
-impl From<ModeErrors> for StandardErrors {
-    fn from(e: ModeErrors) -> Self {
-        Self { re: e.re, im: e.im, covariance: e.covariance, damping: e.damping, frequency: e.frequency }
-    }
-}
-
 impl ModesDocument {
     /// Of a model's modes; `errors` are standard errors mode by mode, empty when there are none.
     pub fn of(model: &Model, trim: &Trim, modes: &Modes, errors: &[Option<ModeErrors>]) -> Self {
         let one = |(k, mode): (usize, &Mode)| {
-            let errors = errors.get(k).map(|e| e.map(StandardErrors::from));
+            let errors = errors.get(k).copied();
             ModeDocument { standard_errors: errors, ..ModeDocument::of(model, mode) }
         };
         let (states, inputs) = values(model, trim);

@@ -80,14 +80,13 @@ impl NoiseModelDocument {
     }
 }
 
-impl OutputDocument {
-    /// Of an output whose residuals were not asked.
-    pub fn of(model: &Model, fit: &OutputFit) -> Self {
-        let declared = model.definition().outputs.iter().find(|d| d.quantity.name == fit.name);
+impl From<&OutputFit> for OutputDocument {
+    /// Of an output whose residuals were not asked, and whose unit is not known.
+    fn from(fit: &OutputFit) -> Self {
         Self {
             name: fit.name.clone(),
             run: fit.run.clone(),
-            unit: declared.and_then(|d| d.quantity.unit.as_ref()).map(ToString::to_string),
+            unit: None,
             rms: fit.rms,
             mean: fit.bias,
             r2: fit.r2,
@@ -103,18 +102,33 @@ impl OutputDocument {
             untested: None,
         }
     }
+}
 
-    /// Of outputs with what their residuals say.
-    pub fn of_quality(model: &Model, quality: &[OutputQuality]) -> Vec<Self> {
-        let one = |q: &OutputQuality| Self {
+impl From<&OutputQuality> for OutputDocument {
+    /// Of an output with what its residuals say, whose unit is not known.
+    fn from(q: &OutputQuality) -> Self {
+        Self {
             whiteness: Some(q.whiteness.clone()),
             spectrum: Some(q.spectrum.clone()),
             distribution: Some(q.distribution.clone()),
             inputs: Some(q.inputs.clone()),
             untested: Some(q.untested.map(|u| u.to_string())),
-            ..Self::of(model, &q.fit)
-        };
-        quality.iter().map(one).collect()
+            ..Self::from(&q.fit)
+        }
+    }
+}
+
+impl OutputDocument {
+    /// Of an output whose residuals were not asked.
+    pub fn of(model: &Model, fit: &OutputFit) -> Self {
+        let declared = model.definition().outputs.iter().find(|d| d.quantity.name == fit.name);
+        let unit = declared.and_then(|d| d.quantity.unit.as_ref()).map(ToString::to_string);
+        Self { unit, ..Self::from(fit) }
+    }
+
+    /// Of outputs with what their residuals say.
+    pub fn of_quality(model: &Model, quality: &[OutputQuality]) -> Vec<Self> {
+        quality.iter().map(|q| Self { unit: Self::of(model, &q.fit).unit, ..Self::from(q) }).collect()
     }
 
     /// Of a fit: what the residuals say, and what is known of the noise.

@@ -1,4 +1,4 @@
-//! What is told of work that goes on: a result as far as it is there.
+//! The report of work that goes on: a result as far as it is there.
 
 use super::fit::StartDocument;
 use super::study::Study;
@@ -10,7 +10,7 @@ const KIND: &str = "fdm progress";
 /// Changes when an older program could not read it any more.
 const FORMAT: u32 = 2;
 
-/// What is told of work that goes on.
+/// The report of work that goes on.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ProgressDocument {
     kind: String,

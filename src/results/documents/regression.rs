@@ -9,6 +9,7 @@ use fdm_estimate::equation_error::{
 };
 use fdm_estimate::{BestIterate, Criterion, Status};
 use serde::{Deserialize, Serialize};
+use std::fmt;
 
 /// Most iterates of a history; longer ones are thinned evenly.
 const MOST: usize = 1000;
@@ -51,6 +52,12 @@ pub struct RefusalDocument {
     pub equation: String,
     /// Why.
     pub reason: String,
+}
+
+impl fmt::Display for RefusalDocument {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.reason)
+    }
 }
 
 impl From<&Refusal> for RefusalDocument {

@@ -4,9 +4,10 @@ use super::BridgeDocument;
 use super::digits::digits;
 use super::doubted;
 use super::equal_minima::equal_minima;
-use fdm_estimate::residuals::{Cause, InputCorrelation, NoiseVariation, OutputFit, OutputQuality, Trend, Unexplained};
+use fdm_estimate::Unexplained;
+use fdm_estimate::residuals::{Cause, InputCorrelation, NoiseVariation, OutputFit, OutputQuality, Trend};
 use fdm_estimate::{
-    Curvature, Estimate, Fit, InputInterpolation, LONG_RUN, NoiseColour, ParameterEstimate, SpectralColour,
+    Curvature, Estimate, Fit, InputInterpolation, LONG_RUN, NoiseColour, ParameterEstimate, Smoothing, SpectralColour,
     SpectralFit, Status, Termination, Uncorrected,
 };
 use fdm_numeric::statistics::Student;
@@ -33,7 +34,7 @@ pub enum About {
     Prior,
     /// How smooth tables are, and which of their nodes are not known.
     Table,
-    /// Parameters that the data tell apart badly.
+    /// Parameters that the data hardly separate.
     Correlated,
     /// Parameters at their bounds.
     Bound,
@@ -43,7 +44,7 @@ pub enum About {
     Few,
     /// Intervals that may hold less often than in 95 of 100 cases.
     Intervals,
-    /// Records too short to tell the colour of their noise.
+    /// Records too short to determine the colour of their noise.
     Short,
     /// Parameters that noise of measured regressors biases.
     Biased,
@@ -70,7 +71,7 @@ pub enum About {
 }
 
 impl About {
-    /// In which order remarks are told: what speaks most against a result first.
+    /// The order of remarks: what speaks most against a result first.
     pub fn rank(self) -> usize {
         match self {
             Self::Interpolation | Self::Likelihood | Self::Initial | Self::Unexplained => 0,
@@ -146,15 +147,15 @@ impl fmt::Display for Remark {
 }
 
 /// Correlations beyond this are worth a line where an error suffers from them: with the partner known it would be less than half.
-const CORRELATED: f64 = 0.9;
+pub const CORRELATED: f64 = 0.9;
 /// Standard error beside a value above which the value is not reliable (Tischler and Remple 2012: Cramer-Rao bounds of at most 20 %).
-const RELIABLE: f64 = 0.2;
+pub const RELIABLE: f64 = 0.2;
 /// Bias that was removed, in standard errors, that is worth a line.
 const BIASED: f64 = 0.3;
 /// Most lines about pairs of parameters.
 const MOST_PAIRS: usize = 6;
 /// Part of the mean square residual that makes an offset worth a line.
-const OFFSET: f64 = 0.2;
+pub const OFFSET: f64 = 0.2;
 /// Probability of an offset as large by chance, below which it is remarked on.
 const OFFSET_CHANCE: f64 = 0.01;
 /// Samples that do not determine the colour of their noise: where neighbours correlate by 0.9 they are worth three independent ones.
@@ -198,12 +199,7 @@ pub fn estimate_remarks(estimate: &Estimate) -> Vec<Remark> {
 
 /// The effective number of parameters of tables, and how many of their nodes no run visited.
 fn tables(estimate: &Estimate) -> Vec<String> {
-    let effective = estimate.smoothing.iter().map(|s| {
-        let weights = s.arguments.iter().zip(&s.weights);
-        let weights: Vec<String> = weights.map(|(name, w)| format!("{} along {name}", digits(*w, 3))).collect();
-        let (count, number) = (s.parameters, digits(s.effective_parameters, 3));
-        format!("`{}`: {count} nodes, {number} effective parameters; weights {}", s.table, weights.join(", "))
-    });
+    let effective = estimate.smoothing.iter().map(smoothness);
     // of an estimation that was stopped that is no news
     let restless = estimate.smoothing.iter().filter(|s| !s.settled && estimate.termination.is_good()).map(|s| {
         format!(
@@ -218,6 +214,14 @@ fn tables(estimate: &Estimate) -> Vec<String> {
             .then(|| format!("`{}`: {count} of {} nodes are unknown: no run visits them", t.table, t.nodes.len()))
     });
     effective.chain(restless).chain(unvisited).collect()
+}
+
+/// How smooth a table is.
+pub fn smoothness(s: &Smoothing) -> String {
+    let weights = s.arguments.iter().zip(&s.weights);
+    let weights: Vec<String> = weights.map(|(name, w)| format!("{} along {name}", digits(*w, 3))).collect();
+    let (count, number) = (s.parameters, digits(s.effective_parameters, 3));
+    format!("`{}`: {count} nodes, {number} effective parameters; weights {}", s.table, weights.join(", "))
 }
 
 /// Outputs of which runs hold no value, or none that can be used; one line for each output.
@@ -241,7 +245,7 @@ fn not_measured(outputs: &[OutputFit]) -> Vec<String> {
 fn biased(estimate: &Estimate) -> Vec<String> {
     let far = estimate.bias_corrections.iter().filter(|d| d.standard_errors.abs() > BIASED);
     let far: Vec<String> = far
-        .map(|d| format!("{} {} sigma", named(&d.name, d.run.as_deref()), digits(d.standard_errors.abs(), 2)))
+        .map(|d| format!("{} {} sigma", with_run(&d.name, d.run.as_deref()), digits(d.standard_errors.abs(), 2)))
         .collect();
     if far.is_empty() {
         return Vec::new();
@@ -357,7 +361,7 @@ fn interpolation(found: &InputInterpolation) -> Option<Remark> {
         false => ("in straight lines", "held between samples"),
     };
     let moved = found.moves.as_ref().map_or(String::new(), |m| {
-        let (name, value) = (named(&m.parameter, m.run.as_deref()), digits(m.value, 4));
+        let (name, value) = (with_run(&m.parameter, m.run.as_deref()), digits(m.value, 4));
         format!("; {name} becomes {value}, {} standard errors away", digits(m.standard_errors.abs(), 2))
     });
     if found.is_otherwise() {
@@ -455,16 +459,16 @@ fn suffers(p: &ParameterEstimate) -> bool {
     p.status == Status::Estimated && !nothing && p.error().is_some_and(|error| error > RELIABLE * p.value.abs())
 }
 
-/// Pairs that the data tell apart badly, where an error suffers from it, the worst first.
+/// Pairs that the data hardly separate, where an error suffers from it, the worst first.
 fn correlated(estimate: &Estimate) -> Vec<String> {
     let name = |k: usize| called(&estimate.parameters[k]);
     let mut pairs = estimate.correlated(CORRELATED);
     pairs.retain(|(a, b, _)| [a, b].into_iter().any(|k| suffers(&estimate.parameters[*k])));
     pairs.sort_by(|a, b| b.2.abs().total_cmp(&a.2.abs()));
-    let told =
+    let shown =
         pairs.iter().take(MOST_PAIRS).map(|(a, b, r)| format!("correlated: {} and {} ({r:+.3})", name(*a), name(*b)));
     let more = pairs.len().saturating_sub(MOST_PAIRS);
-    told.chain((more > 0).then(|| format!("{more} more pairs correlate by more than {CORRELATED}"))).collect()
+    shown.chain((more > 0).then(|| format!("{more} more pairs correlate by more than {CORRELATED}"))).collect()
 }
 
 /// Of a parameter at its bound the value that it lies on this side of with 95 % probability, where that is a value that it may have:
@@ -504,9 +508,9 @@ fn bounds(estimate: &Estimate) -> Vec<String> {
             "{name} is at its {side} bound: the best value may lie beyond it, or far from these start values (try --starts 8); {errors}"
         )
     };
-    let told: Vec<String> = held.clone().take(MOST_BOUNDS).map(say).collect();
+    let shown: Vec<String> = held.clone().take(MOST_BOUNDS).map(say).collect();
     let more = held.count().saturating_sub(MOST_BOUNDS);
-    told.into_iter().chain((more > 0).then(|| format!("{more} more parameters are at a bound"))).collect()
+    shown.into_iter().chain((more > 0).then(|| format!("{more} more parameters are at a bound"))).collect()
 }
 
 /// Outputs of so few samples that the colour of their noise is not known, or not well; where it is known beforehand there is nothing to say.
@@ -548,19 +552,19 @@ fn curved(estimate: &Estimate, c: &Curvature) -> String {
     let partner = |(a, b, _): &(usize, usize, f64)| if own(*a) { Some(*b) } else { own(*b).then_some(*a) };
     let pairs = estimate.correlated(CORRELATED);
     // what has a line of its own needs none here
-    let told = |k: &usize| {
+    let has_line = |k: &usize| {
         let p = &estimate.parameters[*k];
         estimate.curvature.iter().any(|c| c.parameter == p.name && c.run == p.run)
     };
     let partners: Vec<String> = pairs
         .iter()
         .filter_map(partner)
-        .filter(|k| !told(k))
+        .filter(|k| !has_line(k))
         .take(MOST_PAIRS)
         .map(|k| called(&estimate.parameters[k]))
         .collect();
     let like = if partners.is_empty() { String::new() } else { format!("; {} likewise", partners.join(", ")) };
-    let name = named(&c.parameter, c.run.as_deref());
+    let name = with_run(&c.parameter, c.run.as_deref());
     let wrong = match c.is_narrow() {
         true => format!("the interval of {name} holds in about {:.0} of 100 cases", 100.0 * c.holds),
         false => format!("the interval of {name} reaches much further than the data allow"),
@@ -653,12 +657,12 @@ fn varying(estimate: &Estimate) -> Vec<String> {
 }
 
 fn called(p: &ParameterEstimate) -> String {
-    named(&p.name, p.run.as_deref())
+    with_run(&p.name, p.run.as_deref())
 }
 
-/// A parameter as a sentence calls it, by name and run.
-fn named(name: &str, run: Option<&str>) -> String {
-    run.map_or(name.to_string(), |run| format!("{name} ({run})"))
+/// A name, and the run that it belongs to where there is one.
+pub fn with_run(name: &str, run: Option<&str>) -> String {
+    run.map_or_else(|| name.to_string(), |run| format!("{name} ({run})"))
 }
 
 #[cfg(test)]

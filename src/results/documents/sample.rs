@@ -66,7 +66,7 @@ pub struct PredictiveBand {
     pub measurement: [Vec<Option<f64>>; 3],
 }
 
-/// The draws of a result, as they are told.
+/// The draws of a result, summed up.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SampleDocument {
     /// The model's name.

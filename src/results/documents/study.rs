@@ -161,7 +161,7 @@ pub struct Pooled {
     pub ratios: [f64; 2],
 }
 
-/// Reasons that are told apart.
+/// Reasons that are counted apart.
 const REASONS: usize = 8;
 
 impl Study {

@@ -22,11 +22,11 @@ pub struct Checkpoint {
     resumed: bool,
     /// Held as long as the checkpoint is in use.
     _lock: File,
-    told: Mutex<Told>,
+    troubles: Mutex<Troubles>,
 }
 
 #[derive(Debug, Default)]
-struct Told {
+struct Troubles {
     notes: Vec<String>,
     failure: Option<String>,
 }
@@ -133,12 +133,12 @@ impl Checkpoint {
             None if !before.damaged.is_empty() => return Err(damaged(before.damaged)),
             None => false,
         };
-        // kept anew when it is there already: a folder that can no longer be written is told before the work begins
+        // kept anew when it is there already: a folder that can no longer be written is refused before the work begins
         let state = serde_json::to_vec(identity)
             .map_err(|e| CheckpointError::Unusable { reason: format!("{}: {e}", folder.display()) })?;
         kept.keep(IDENTITY, &state).map_err(|reason| CheckpointError::Unusable { reason })?;
-        let told = Told { notes: before.damaged, failure: None };
-        Ok(Self { kept, resumed, _lock: lock, told: Mutex::new(told) })
+        let troubles = Troubles { notes: before.damaged, failure: None };
+        Ok(Self { kept, resumed, _lock: lock, troubles: Mutex::new(troubles) })
     }
 
     /// The folder.
@@ -153,23 +153,23 @@ impl Checkpoint {
 
     /// What was found damaged, and what was done instead.
     pub fn notes(&self) -> Vec<String> {
-        self.told().notes.clone()
+        self.troubles().notes.clone()
     }
 
     /// Why the last state could not be kept; none when it was, or when nothing was to be kept.
     pub fn failure(&self) -> Option<String> {
-        self.told().failure.clone()
+        self.troubles().failure.clone()
     }
 
-    fn told(&self) -> MutexGuard<'_, Told> {
-        self.told.lock().unwrap_or_else(PoisonError::into_inner)
+    fn troubles(&self) -> MutexGuard<'_, Troubles> {
+        self.troubles.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 impl CheckpointStore for Checkpoint {
     fn keep(&self, name: &str, state: &[u8]) -> Result<(), String> {
         let kept = self.kept.keep(name, state);
-        self.told().failure = kept.clone().err();
+        self.troubles().failure = kept.clone().err();
         kept
     }
 
@@ -177,7 +177,7 @@ impl CheckpointStore for Checkpoint {
         let found = self.kept.find(name)?;
         let lost = found.state.is_none() && !found.damaged.is_empty();
         let instead = if lost { "it is computed anew" } else { "what was kept before it is used" };
-        self.told().notes.extend(found.damaged.iter().map(|d| format!("{d}; {instead}")));
+        self.troubles().notes.extend(found.damaged.iter().map(|d| format!("{d}; {instead}")));
         if lost { Err(found.damaged.join("; ")) } else { Ok(found.state) }
     }
 }

@@ -119,7 +119,7 @@ impl Destination {
         destination.refuse_strangers(names)?;
         let parent = destination.parent();
         destination.disk.make_folder(&parent).map_err(|e| unwritable(&parent, &e))?;
-        // a read-only place is told now, not after hours of work
+        // a read-only place is refused now, not after hours of work
         let within = if there { &destination.folder } else { &parent };
         tempfile::tempfile_in(within).map_err(|e| unwritable(within, &e))?;
         Ok(destination)

@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 const DEAD: i32 = 86;
 
 /// Lets the n-th operation on files of this program fail, from 0: `KIND:N` or `dies:KIND:N`, where the kind is `nothing`, `torn` or
-/// `done`. It is told on standard error when that operation is reached. A program that dies ends there with exit code 86, and
+/// `done`. It is reported on standard error when that operation is reached. A program that dies ends there with exit code 86, and
 /// nothing is tidied up.
 ///
 /// # Errors
@@ -30,7 +30,7 @@ pub fn fail_at(words: &str) -> Result<(), String> {
     };
     let at = at.parse().map_err(|_| format!("`{at}` is no number"))?;
     let faulty = Faulty::new(Some(at), kind, dies);
-    faulty.state().told = true;
+    faulty.state().reported = true;
     choose(Arc::new(faulty));
     Ok(())
 }
@@ -66,7 +66,7 @@ struct State {
     dies: bool,
     failed: bool,
     /// The failure is that of the whole program.
-    told: bool,
+    reported: bool,
     events: Vec<Event>,
 }
 
@@ -76,7 +76,7 @@ pub(super) struct Faulty(Arc<Mutex<State>>);
 
 impl Faulty {
     fn new(fails_at: Option<usize>, kind: Kind, dies: bool) -> Self {
-        let state = State { count: 0, fails_at, kind, dies, failed: false, told: false, events: Vec::new() };
+        let state = State { count: 0, fails_at, kind, dies, failed: false, reported: false, events: Vec::new() };
         Self(Arc::new(Mutex::new(state)))
     }
 
@@ -102,7 +102,7 @@ impl Faulty {
             return whole();
         }
         state.failed = true;
-        if state.told {
+        if state.reported {
             let _ = writeln!(io::stderr(), "fault at operation {}: {event:?}", state.count - 1);
         }
         let done = match state.kind {
@@ -110,7 +110,7 @@ impl Faulty {
             Kind::Torn => half(),
             Kind::Done => whole(),
         };
-        if state.told && state.dies {
+        if state.reported && state.dies {
             std::process::exit(DEAD);
         }
         done.and(full())

@@ -39,7 +39,7 @@ pub fn make_folder(path: &Path) -> io::Result<()> {
     disk().make_folder(path)
 }
 
-/// Whether a file can be written, as far as can be told without writing it.
+/// Whether a file can be written, as far as that shows without writing it.
 ///
 /// # Errors
 /// Those of the file system.

@@ -61,7 +61,7 @@ pub(super) struct Claim {
     pub(super) files: Vec<KeptFile>,
     /// The files of the records that it was made from.
     pub(super) data: Vec<PathBuf>,
-    /// Whether nobody has changed it since it was written, as far as this version can tell.
+    /// Whether nobody has changed it since it was written, as far as this version knows.
     pub(super) is_whole: bool,
 }
 

@@ -3,7 +3,7 @@
 //! **In** bytes under names, finished results, the identity of a fit. **Out** [`write_file`], by which every file of the program
 //! appears whole or not at all; [`Checkpoint`], which keeps the state of an
 //! estimation so that it is found again whenever the program ended; [`ResultFolder`], a result that is there whole or not
-//! at all and that tells when something in it was changed; [`ProgressFile`], what is told of work that goes on;
+//! at all and that says when something in it was changed; [`ProgressFile`], the report of work that goes on;
 //! [`TaskResults`], to which many machines add at once. **Never** computes, prints, or overwrites what is not its own.
 //! **Start** at [`Checkpoint::open`] and [`ResultFolder::open`]; `disk` (the few operations) -> `file` (one file)
 //! and `destination` (a folder); `disk` -> `envelope` (header and checksum) -> `generations` (the newest valid one) -> `checkpoint`.

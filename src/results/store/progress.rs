@@ -1,4 +1,4 @@
-//! What is told of work that goes on: one small file beside the place of the result, replaced now and then, gone at the end.
+//! The report of work that goes on: one small file beside the place of the result, replaced now and then, gone at the end.
 
 use std::fs;
 use std::io;
@@ -24,28 +24,28 @@ impl ProgressFile {
         &self.path
     }
 
-    /// Puts a text in the place of what was told before: a reader finds the one or the other, never a part. Nothing waits
+    /// Puts a text in the place of the last report: a reader finds the one or the other, never a part. Nothing waits
     /// for the disk; what a power failure takes was worth a second.
     ///
     /// # Errors
-    /// Those of the file system; what was told before stands then.
+    /// Those of the file system; the last report stands then.
     pub fn tell(&self, text: &str) -> io::Result<()> {
         let new = self.next();
-        let told = fs::write(&new, text).and_then(|()| fs::rename(&new, &self.path));
-        if told.is_err() {
+        let written = fs::write(&new, text).and_then(|()| fs::rename(&new, &self.path));
+        if written.is_err() {
             let _ = fs::remove_file(&new);
         }
-        told
+        written
     }
 
-    /// What was told last; none when no work goes on.
+    /// The last report; none when no work goes on.
     pub fn read(&self) -> Option<String> {
         fs::read_to_string(&self.path).ok()
     }
 
     /// Ends it.
     pub fn remove(&self) {
-        // and what a program that died has left half told
+        // and what a program that died has left half written
         [&self.path, &self.next()].into_iter().for_each(|path| _ = fs::remove_file(path));
     }
 

@@ -204,7 +204,7 @@ fn files_as_they_stand(folder: &Path) -> Result<Vec<(String, Vec<u8>)>, ResultEr
     Ok(files)
 }
 
-/// The manifest of a folder, and its text; `format` tells which folders are ours.
+/// The manifest of a folder, and its text; `format` says which folders are ours.
 fn manifest_of(folder: &Path, format: fn(&str) -> Option<u32>) -> Result<(String, Manifest), ResultError> {
     let foreign = || ResultError::Foreign { folder: folder.into() };
     let text = match read_input_text(&standing(folder, manifest::NAME)) {

@@ -148,7 +148,7 @@ impl TaskResults {
     /// Everything that is there.
     ///
     /// # Errors
-    /// [`TaskError`]; torn and foreign files are none, but told.
+    /// [`TaskError`]; torn and foreign files are none, but reported.
     pub fn gather(&self) -> Result<Gathered, TaskError> {
         let said = |path: &Path, e: &io::Error| format!("{}: {}", path.display(), reason(e));
         let mut names = Vec::new();

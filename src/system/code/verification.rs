@@ -10,6 +10,7 @@ use fdm_grammar::graph::{Leaf, Names};
 use fdm_grammar::model::Model;
 use fdm_grammar::schedule::{Layout, Program, Schedule};
 use num_complex::Complex64;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::ops::Range;
 
@@ -40,7 +41,7 @@ const BUDGETS: usize = 4;
 const DIRECTIONS: usize = 6;
 
 /// An entry whose two derivatives differ.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Discrepancy {
     /// What was differentiated: `der(x)`, an output, the initial value `x(0)`, the time of a `delay(...)`.
     pub equation: String,

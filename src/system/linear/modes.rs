@@ -6,6 +6,7 @@ use super::roots::Characteristic;
 use fdm_grammar::graph::Signal;
 use fdm_numeric::eigen::{Root, eigen};
 use num_complex::Complex64;
+use serde::{Deserialize, Serialize};
 use std::f64::consts::LN_2;
 
 /// A root s of the characteristic equation: the motion exp(s t).
@@ -227,7 +228,7 @@ impl Mode {
 }
 
 /// Standard errors of a mode.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ModeErrors {
     /// Of the real part.
     pub re: f64,

@@ -73,6 +73,12 @@ impl Block<'_> {
         &self.rows[sample * self.layout.length + place.start..][..place.columns.len()]
     }
 
+    /// What an output at a sample of the block leaves of `measured` (N by q, all samples); NaN where nothing was measured.
+    pub fn residual(&self, measured: &[f64], sample: usize, output: usize) -> f64 {
+        let q = self.layout.outputs.len();
+        measured[(self.first + sample) * q + output] - self.y[sample * q + output]
+    }
+
     /// Copies outputs (N by q) and derivatives (N q rows of `stride`) to their places among all samples.
     pub fn copy_to(&self, y: &mut [f64], jacobian: &mut [f64], stride: usize) {
         let q = self.layout.outputs.len();

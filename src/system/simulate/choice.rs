@@ -14,6 +14,7 @@ use super::steps::{Grid, Scheme, Steps};
 use crate::dynamics::{Dynamics, Layout};
 use crate::record::Run;
 use fdm_grammar::graph::Signal;
+use fdm_numeric::halt::Halt;
 use fdm_numeric::lanes::VECTOR;
 
 /// Steps per run beyond which halving stops: what remains is said, not hidden.
@@ -43,14 +44,14 @@ pub struct StepOptions<'a> {
     pub accuracy: f64,
     /// Whether one response is looked at, not fitted: an error of 1e-6 of each output's range is good enough then where less is dear.
     pub once: bool,
-    /// Asked before every step that is tried. Once it has said no, the answer is what was found by then, or one step per interval, and
+    /// Asked before every step that is tried. Once it has ended, the answer is what was found by then, or one step per interval, and
     /// says nothing of the model.
-    pub goes_on: &'a dyn Fn() -> bool,
+    pub halt: Option<&'a Halt>,
 }
 
 impl Default for StepOptions<'_> {
     fn default() -> Self {
-        Self { scheme: None, accuracy: TOLERANCE, once: false, goes_on: &|| true }
+        Self { scheme: None, accuracy: TOLERANCE, once: false, halt: None }
     }
 }
 
@@ -85,8 +86,8 @@ pub fn choose_steps(
     if layout.states == 0 || run.len() < 2 {
         return Ok(Accuracy { steps: 1.into(), error: 0.0 });
     }
-    let (work, aim, goes_on) = (Work::of(layout), options.aim(), options.goes_on);
-    let choice = Choice { dynamics, run, theta, work, aim, goes_on };
+    let (work, aim, halt) = (Work::of(layout), options.aim(), options.halt);
+    let choice = Choice { dynamics, run, theta, work, aim, halt };
     let found = choice.by(scheme)?;
     let unsound = UNSOUND.max(aim.enough);
     let settled = !found.error.is_finite() || found.error <= unsound || scheme == Some(Scheme::Radau);
@@ -103,8 +104,8 @@ struct Choice<'a> {
     theta: &'a [f64],
     work: Work,
     aim: Aim,
-    /// Whether there is time for more.
-    goes_on: &'a dyn Fn() -> bool,
+    /// When there is no time for more.
+    halt: Option<&'a Halt>,
 }
 
 /// Integration errors that are aimed at, as parts of an output's range.
@@ -138,7 +139,7 @@ impl Choice<'_> {
                 let explicit = self.explicit(MOST_STEPS)?;
                 Ok(self.steadied(&explicit)?.unwrap_or(explicit))
             }
-            None | Some(Scheme::Recursion { .. }) => match self.linear() {
+            None | Some(Scheme::ExactDiscretisation { .. }) => match self.linear() {
                 Some(exact) if discrete::suits(self.dynamics.layout()) || scheme.is_some() => self.exact(exact),
                 Some(exact) => {
                     let worth = discrete::work(self.dynamics.layout(), self.run.len()) / self.work.runge_kutta;
@@ -155,7 +156,7 @@ impl Choice<'_> {
     fn linear(&self) -> Option<Scheme> {
         let layout = self.dynamics.layout();
         let suited = discrete::possible(layout) && Intervals::of(&Grid::new(&self.run.time, &1.into())).is_some();
-        suited.then(|| Scheme::Recursion { subsystems: discrete::subsystems(layout) })
+        suited.then(|| Scheme::ExactDiscretisation { subsystems: discrete::subsystems(layout) })
     }
 
     /// Steps of exact discretisation: only delayed inputs ask for more than one in an interval.
@@ -290,7 +291,7 @@ impl Choice<'_> {
         let mut best = Accuracy { steps: kind.with_equal(1), error: f64::INFINITY };
         let (mut fine, mut stalls) = (2, 0);
         let (mut before, mut ratios) = (f64::INFINITY, [0.0; 2]);
-        while fine / 2 <= most && fine * self.run.len() <= MOST_STEPS && (self.goes_on)() {
+        while fine / 2 <= most && fine * self.run.len() <= MOST_STEPS && self.halt.is_none_or(Halt::goes_on) {
             let next = at(fine)?;
             if let (Ok(a), Ok(b)) = (&coarse, &next) {
                 let steps = kind.with_equal(fine / 2);
@@ -332,7 +333,7 @@ impl Choice<'_> {
         let tile = (MOST_DERIVATIVES / rows.max(1)).max(1).next_multiple_of(VECTOR);
         let mut worst = 0.0_f64;
         for columns in columns.chunks(tile) {
-            if !(self.goes_on)() {
+            if !self.halt.is_none_or(Halt::goes_on) {
                 return Ok(f64::INFINITY);
             }
             let stride = columns.len().next_multiple_of(VECTOR);
@@ -362,7 +363,7 @@ impl Choice<'_> {
     /// Steps as long as accuracy allows; none when there are no such steps, or more than `most`.
     fn uneven(&self, scheme: Scheme, most: usize) -> Result<Option<Accuracy>, Unsuited> {
         let layout = self.dynamics.layout();
-        let at = |scheme| Probe::new(self.dynamics, self.run, self.theta, scheme).asking(self.goes_on);
+        let at = |scheme| Probe::new(self.dynamics, self.run, self.theta, scheme).until(self.halt);
         let mut scales = Scales::new(layout.states, layout.outputs);
         if layout.states <= MOST_IMPLICIT {
             scales = step_control::measure(&mut at(Scheme::Radau), scales, self.most_uneven());
@@ -456,6 +457,9 @@ mod tests {
     use super::super::integration_error::worst_errors;
     use super::*;
     use crate::model::Model;
+    use fdm_numeric::halt::Stop;
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicUsize, Ordering};
 
     /// A pendulum driven by steps: what noise hides takes fewer steps, and they keep what was asked.
     #[test]
@@ -529,7 +533,7 @@ mod tests {
         let theta = model.definition().start();
         let dynamics = model.dynamics();
         let (work, aim) = (Work::of(dynamics.layout()), StepOptions::default().aim());
-        let choice = Choice { dynamics, run: &run, theta: &theta, work, aim, goes_on: &|| true };
+        let choice = Choice { dynamics, run: &run, theta: &theta, work, aim, halt: None };
         let followed = choice.explicit(MOST_STEPS).unwrap();
         let moved = choice.sensitivities_move(&followed.steps).unwrap();
         assert!(followed.error < 1e-8 && moved > ROUGH_SENSITIVITY, "{} {moved}", followed.error);
@@ -578,23 +582,19 @@ mod tests {
         let (name, inputs, held, input_gaps) = ("a".into(), Vec::new(), Vec::new(), Vec::new());
         let run = Run { name, inputs, held, measured, input_gaps, stated: Vec::new(), output_gaps, time };
         let theta = model.definition().start();
-        let asked = std::cell::Cell::new(0);
         let choose = |most: usize| {
-            asked.set(0);
-            let goes_on = || {
-                asked.set(asked.get() + 1);
-                asked.get() <= most
-            };
-            choose_steps(model.dynamics(), &run, &theta, &StepOptions { goes_on: &goes_on, ..StepOptions::default() })
-                .unwrap()
+            let asked = Arc::new(AtomicUsize::new(0));
+            let count = Arc::clone(&asked);
+            let halt = Halt::asking(move || (count.fetch_add(1, Ordering::Relaxed) >= most).then_some(Stop::TimeLimit));
+            let options = StepOptions { halt: Some(&halt), ..StepOptions::default() };
+            (choose_steps(model.dynamics(), &run, &theta, &options).unwrap(), asked.load(Ordering::Relaxed))
         };
-        let whole = choose(usize::MAX);
-        let all = asked.get();
+        let (whole, all) = choose(usize::MAX);
         assert_eq!(whole, choose_steps(model.dynamics(), &run, &theta, &StepOptions::default()).unwrap());
         assert!(whole.error <= 1e-8 && all > 150, "{all} {whole:?}");
         for most in [0, 1, 20] {
-            let cut = choose(most);
-            assert!(asked.get() < most + 300 && cut.error > 1e-8, "{most}: {} {cut:?}", asked.get());
+            let (cut, asked) = choose(most);
+            assert!(asked < most + 300 && cut.error > 1e-8, "{most}: {asked} {cut:?}");
         }
     }
 

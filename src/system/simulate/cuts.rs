@@ -11,7 +11,7 @@
 //! ends there has stages on both sides, as far apart as the method's inner error; so a kink costs no order then. A jump would cost one, and
 //! halving would not show it, since the part behind it may stay as long: steps are not cut there.
 
-use super::events::{Follower, LOOKS, Part, Stretch, between, root};
+use super::events::{Follower, LOOKS, Search, Stretch, between, root};
 use crate::dynamics::{Layout, Point, Step, Workspace};
 
 /// Most cuts of one step; behind them the rest is one part.
@@ -38,14 +38,10 @@ pub(super) enum Turn {
 pub(super) struct Cuts {
     /// By limited state, whether it has just left its limit.
     left: Vec<bool>,
-    /// States where the search begins, at the end of the step as if there were no limits, at the end of a part or a trial (n).
-    start: Vec<f64>,
-    end: Vec<f64>,
-    at: Vec<f64>,
+    /// Its states are also those at the end of a trial.
+    search: Search,
     /// Rates at the beginning, at another point, and on both sides of an instant (n).
     rates: [Vec<f64>; 4],
-    /// Drive of a part (3 rows).
-    drive: Vec<f64>,
     /// Switching functions at places of the step, in rows, and at a trial; none where steps are not cut at kinks.
     switches: Vec<f64>,
     switched: Vec<f64>,
@@ -62,11 +58,8 @@ impl Cuts {
         (any && layout.events.is_empty() && layout.delayed.is_empty()).then(|| {
             Box::new(Self {
                 left: vec![false; layout.limited.len()],
-                start: vec![0.0; n],
-                end: vec![0.0; n],
-                at: vec![0.0; n],
+                search: Search::new(layout),
                 rates: std::array::from_fn(|_| vec![0.0; n]),
-                drive: vec![0.0; 3 * layout.drive()],
                 switches: vec![0.0; PLACES.len() * kinks],
                 switched: vec![0.0; kinks],
                 passed: vec![false; kinks],
@@ -83,67 +76,53 @@ impl Cuts {
         work: &mut Workspace,
         follower: &mut dyn Follower,
     ) {
-        self.start.copy_from_slice(x);
-        self.end.copy_from_slice(next);
+        self.search.begin(x, next);
         self.left.fill(false);
         self.passed.fill(false);
         let (mut begin, mut cuts) = (0.0, 0);
         while cuts < MOST_CUTS
             && let Some((at, turn)) = self.earliest(stretch, begin, work)
         {
-            self.part(stretch, (begin, at), (cuts > 0, true), work, follower);
+            self.search.part(stretch, (begin, at), (cuts > 0, true), work, follower);
             self.passed.fill(false);
             match turn {
                 Turn::Limit { state, row, leaves } => {
                     if !leaves {
-                        self.at[state] = stretch.known[stretch.dynamics.layout().limits.start + row];
+                        self.search.at[state] = stretch.known[stretch.dynamics.layout().limits.start + row];
                     }
                     self.left[row / 2] = leaves;
                 }
                 Turn::Kink { kink, .. } => self.passed[kink] = true,
             }
-            let row = &mut self.drive[..stretch.dynamics.layout().drive()];
-            stretch.drive_at(at, row);
-            let point = Point { t: stretch.t + at, x: &self.at, drive: row, known: stretch.known };
+            let point = self.search.point(stretch, at);
             follower.turn(stretch, turn, point, work);
-            self.start.copy_from_slice(&self.at);
+            self.search.start.copy_from_slice(&self.search.at);
             (begin, cuts) = (at, cuts + 1);
             self.trial(stretch, (begin, stretch.h), work);
-            self.end.copy_from_slice(&self.at);
+            self.search.end.copy_from_slice(&self.search.at);
         }
         if cuts > 0 {
-            self.part(stretch, (begin, stretch.h), (true, false), work, follower);
-            next.copy_from_slice(&self.at);
+            self.search.part(stretch, (begin, stretch.h), (true, false), work, follower);
+            next.copy_from_slice(&self.search.at);
         }
-    }
-
-    /// A part from where the search begins; its end goes to `at`.
-    fn part(
-        &mut self,
-        stretch: &Stretch<'_>,
-        (begin, end): (f64, f64),
-        (behind, before): (bool, bool),
-        work: &mut Workspace,
-        follower: &mut dyn Follower,
-    ) {
-        stretch.feed((begin, end), &mut self.drive);
-        let part = Part { begin, end, x: &self.start, drive: &self.drive, behind, before };
-        follower.part(stretch, part, &mut self.at, work);
     }
 
     /// The end of a part from where the search begins, as if there were no limits, in `at`.
     fn trial(&mut self, stretch: &Stretch<'_>, (begin, end): (f64, f64), work: &mut Workspace) {
-        stretch.feed((begin, end), &mut self.drive);
-        let step =
-            Step { t: stretch.t + begin, h: end - begin, x: &self.start, drive: &self.drive, known: stretch.known };
-        stretch.dynamics.step(step, &mut self.at, work);
+        stretch.feed((begin, end), &mut self.search.drive);
+        let step = Step {
+            t: stretch.t + begin,
+            h: end - begin,
+            x: &self.search.start,
+            drive: &self.search.drive,
+            known: stretch.known,
+        };
+        stretch.dynamics.step(step, &mut self.search.at, work);
     }
 
     /// The rate of a state where a trial has ended.
     fn rate(&mut self, stretch: &Stretch<'_>, (at, state): (f64, usize), work: &mut Workspace) -> f64 {
-        let row = &mut self.drive[..stretch.dynamics.layout().drive()];
-        stretch.drive_at(at, row);
-        let point = Point { t: stretch.t + at, x: &self.at, drive: row, known: stretch.known };
+        let point = self.search.point(stretch, at);
         stretch.dynamics.rates(point, &mut self.rates[1], work);
         self.rates[1][state]
     }
@@ -151,16 +130,14 @@ impl Cuts {
     /// The first instant behind `begin`.
     fn earliest(&mut self, stretch: &Stretch<'_>, begin: f64, work: &mut Workspace) -> Option<(f64, Turn)> {
         let layout = stretch.dynamics.layout();
-        let row = &mut self.drive[..layout.drive()];
-        stretch.drive_at(begin, row);
-        let point = Point { t: stretch.t + begin, x: &self.start, drive: row, known: stretch.known };
+        let point = stretch.point(begin, &self.search.start, &mut self.search.drive);
         stretch.dynamics.rates(point, &mut self.rates[0], work);
         let mut found: Option<(f64, Turn)> = None;
         for row in 0..2 * layout.limited.len() {
             let (state, outward) = (layout.limited[row / 2] as usize, if row % 2 == 0 { -1.0 } else { 1.0 });
             let limit = stretch.known[layout.limits.start + row];
             // how far it is outside, at both ends, and by how much that grows over the step at its first rate
-            let [from, to] = [self.start[state], self.end[state]].map(|x| outward * (x - limit));
+            let [from, to] = [self.search.start[state], self.search.end[state]].map(|x| outward * (x - limit));
             let growth = outward * self.rates[0][state] * (stretch.h - begin);
             let held = from >= 0.0 && !self.left[row / 2] && (growth > 0.0 || growth == 0.0 && to > 0.0);
             let turn = Turn::Limit { state, row, leaves: held };
@@ -245,9 +222,7 @@ impl Cuts {
     fn jumps(&mut self, stretch: &Stretch<'_>, (begin, sides): (f64, [f64; 2]), work: &mut Workspace) -> bool {
         for (side, at) in sides.into_iter().enumerate() {
             self.trial(stretch, (begin, at), work);
-            let row = &mut self.drive[..stretch.dynamics.layout().drive()];
-            stretch.drive_at(at, row);
-            let point = Point { t: stretch.t + at, x: &self.at, drive: row, known: stretch.known };
+            let point = self.search.point(stretch, at);
             stretch.dynamics.rates(point, &mut self.rates[2 + side], work);
         }
         let [first, last, before, behind] = &self.rates;
@@ -278,24 +253,26 @@ impl Cuts {
         if count == 0 {
             return;
         }
-        let row = &mut self.drive[..stretch.dynamics.layout().drive()];
-        stretch.drive_at(stretch.h, row);
-        let point = Point { t: stretch.t + stretch.h, x: &self.end, drive: row, known: stretch.known };
+        let point = stretch.point(stretch.h, &self.search.end, &mut self.search.drive);
         stretch.dynamics.rates(point, &mut self.rates[1], work);
         for (part, switches) in PLACES.into_iter().zip(self.switches.chunks_exact_mut(count)) {
-            between([&self.start, &self.end], [&self.rates[0], &self.rates[1]], (part, length), &mut self.at);
-            let row = &mut self.drive[..stretch.dynamics.layout().drive()];
+            between(
+                [&self.search.start, &self.search.end],
+                [&self.rates[0], &self.rates[1]],
+                (part, length),
+                &mut self.search.at,
+            );
+            let row = &mut self.search.drive[..stretch.dynamics.layout().drive()];
             stretch.drive_at(begin + part * length, row);
-            let point = Point { t: stretch.t + begin + part * length, x: &self.at, drive: row, known: stretch.known };
+            let point =
+                Point { t: stretch.t + begin + part * length, x: &self.search.at, drive: row, known: stretch.known };
             stretch.dynamics.events(point, switches, work);
         }
     }
 
     /// A switching function where a trial has ended.
     fn switch(&mut self, stretch: &Stretch<'_>, (at, kink): (f64, usize), work: &mut Workspace) -> f64 {
-        let row = &mut self.drive[..stretch.dynamics.layout().drive()];
-        stretch.drive_at(at, row);
-        let point = Point { t: stretch.t + at, x: &self.at, drive: row, known: stretch.known };
+        let point = self.search.point(stretch, at);
         stretch.dynamics.events(point, &mut self.switched, work);
         self.switched[kink]
     }
@@ -330,7 +307,7 @@ impl Cuts {
     ) -> Option<f64> {
         let mut outside = |at: f64| {
             self.trial(stretch, (begin, at), work);
-            outward * (self.at[state] - limit)
+            outward * (self.search.at[state] - limit)
         };
         let [low, high] = parts.map(|part| begin + part * (stretch.h - begin));
         let [under, over] = [outside(low), outside(high)];

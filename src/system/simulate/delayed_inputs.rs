@@ -34,7 +34,7 @@ pub(super) struct Rule {
 impl Rule {
     pub(super) fn of(integrator: Scheme) -> Self {
         match integrator {
-            Scheme::RungeKutta | Scheme::Recursion { .. } => {
+            Scheme::RungeKutta | Scheme::ExactDiscretisation { .. } => {
                 let weights = [[0.0, -6.0, 24.0], [0.0, 6.0, -12.0], [6.0, -18.0, 24.0]];
                 Self { nodes: [0.0, 0.5, 1.0], weights }
             }

@@ -30,7 +30,7 @@ pub(super) struct Stretch<'a> {
     pub(super) known: &'a [f64],
 }
 
-impl Stretch<'_> {
+impl<'a> Stretch<'a> {
     fn layout(&self) -> &Layout {
         self.dynamics.layout()
     }
@@ -42,6 +42,16 @@ impl Stretch<'_> {
             let (a, b) = (self.drive[k], self.drive[2 * width + k]);
             *value = if part >= 1.0 { b } else { a + part * (b - a) };
         }
+    }
+
+    /// States at a time from the beginning of the step, with the drive there, for which `room` is.
+    pub(super) fn point<'p>(&self, from_begin: f64, x: &'p [f64], room: &'p mut [f64]) -> Point<'p>
+    where
+        'a: 'p,
+    {
+        let drive = &mut room[..self.layout().drive()];
+        self.drive_at(from_begin, drive);
+        Point { t: self.t + from_begin, x, drive, known: self.known }
     }
 
     /// Drive at the beginning, in the middle and at the end (3 rows) of a part, given by its ends.
@@ -122,6 +132,55 @@ impl Follower for StatesAlone {
     }
 }
 
+/// Where a search within a step begins and ends, and room for its parts.
+pub(super) struct Search {
+    /// States where it begins, at the end of the step as if nothing happened any more, at the end of a part (n).
+    pub(super) start: Vec<f64>,
+    pub(super) end: Vec<f64>,
+    pub(super) at: Vec<f64>,
+    /// Drive of a part (3 rows).
+    pub(super) drive: Vec<f64>,
+}
+
+impl Search {
+    pub(super) fn new(layout: &Layout) -> Self {
+        let states = || vec![0.0; layout.states];
+        Self { start: states(), end: states(), at: states(), drive: vec![0.0; 3 * layout.drive()] }
+    }
+
+    /// Begins with the step from x to `next`.
+    pub(super) fn begin(&mut self, x: &[f64], next: &[f64]) {
+        self.start.copy_from_slice(x);
+        self.end.copy_from_slice(next);
+    }
+
+    /// The point at the end of a part, at a time from the beginning of the step.
+    pub(super) fn point<'p>(&'p mut self, stretch: &Stretch<'p>, at: f64) -> Point<'p> {
+        stretch.point(at, &self.at, &mut self.drive)
+    }
+
+    /// A step of any length from where the search begins, as if nothing happened within; its end goes to `x`.
+    fn trial(&mut self, stretch: &Stretch<'_>, (begin, end): (f64, f64), x: &mut [f64], work: &mut Workspace) {
+        stretch.feed((begin, end), &mut self.drive);
+        let part = Part { begin, end, x: &self.start, drive: &self.drive, behind: false, before: false };
+        StatesAlone.part(stretch, part, x, work);
+    }
+
+    /// A part from where the search begins; `behind` and `before` say whether something happens at its ends.
+    pub(super) fn part(
+        &mut self,
+        stretch: &Stretch<'_>,
+        (begin, end): (f64, f64),
+        (behind, before): (bool, bool),
+        work: &mut Workspace,
+        follower: &mut dyn Follower,
+    ) {
+        stretch.feed((begin, end), &mut self.drive);
+        let part = Part { begin, end, x: &self.start, drive: &self.drive, behind, before };
+        follower.part(stretch, part, &mut self.at, work);
+    }
+}
+
 /// Which events can happen, and memory; allocates once.
 pub(super) struct Events {
     armed: Vec<bool>,
@@ -137,19 +196,11 @@ pub(super) struct Events {
     /// Results of `events` and `events_and_partials`.
     values: Vec<f64>,
     partials: Vec<f64>,
-    /// States where the search begins, at the end of the step without a further event, at the event.
-    start: Vec<f64>,
-    end: Vec<f64>,
-    at: Vec<f64>,
+    search: Search,
     /// Rates at the beginning and the end.
     slopes: [Vec<f64>; 2],
-    trial: Trial,
-}
-
-/// Steps of any length from where the search begins.
-struct Trial {
-    x: Vec<f64>,
-    drive: Vec<f64>,
+    /// States at the end of a trial (n).
+    trial: Vec<f64>,
 }
 
 /// An instant at which a guard is zero.
@@ -179,11 +230,9 @@ impl Events {
                 brackets: vec![None; count],
                 values: vec![0.0; layout.event_rows()],
                 partials: vec![0.0; layout.event_slots()],
-                start: vec![0.0; n],
-                end: vec![0.0; n],
-                at: vec![0.0; n],
+                search: Search::new(layout),
                 slopes: std::array::from_fn(|_| vec![0.0; n]),
-                trial: Trial { x: vec![0.0; n], drive: vec![0.0; 3 * layout.drive()] },
+                trial: vec![0.0; n],
             })
         })
     }
@@ -206,14 +255,13 @@ impl Events {
         work: &mut Workspace,
         follower: &mut dyn Follower,
     ) -> Result<(), (f64, EventFault)> {
-        self.start.copy_from_slice(x);
-        self.end.copy_from_slice(next);
+        self.search.begin(x, next);
         self.rebounds.fill(false);
         let (mut begin, mut count) = (0.0, 0);
         while let Some(instant) = self.earliest(stretch, begin, work) {
             let time = stretch.t + instant.at;
             let growth = (self.guards[instant.event].abs() + self.ends[instant.event].abs()) / (stretch.h - begin);
-            self.part(stretch, (begin, instant.at), (count > 0, true), work, follower);
+            self.search.part(stretch, (begin, instant.at), (count > 0, true), work, follower);
             let mut next_fired = Some((instant.event, Some(growth)));
             while let Some((event, growth)) = next_fired {
                 count += 1;
@@ -226,12 +274,12 @@ impl Events {
                 next_fired = self.rearm(stretch, (event, instant), work).map(|event| (event, None));
             }
             begin = instant.at;
-            self.trial.take(stretch, (begin, stretch.h), &self.start, work);
-            self.end.copy_from_slice(&self.trial.x);
+            self.search.trial(stretch, (begin, stretch.h), &mut self.trial, work);
+            self.search.end.copy_from_slice(&self.trial);
         }
         if count > 0 {
-            self.part(stretch, (begin, stretch.h), (true, false), work, follower);
-            next.copy_from_slice(&self.at);
+            self.search.part(stretch, (begin, stretch.h), (true, false), work, follower);
+            next.copy_from_slice(&self.search.at);
         }
         for (k, armed) in self.armed.iter_mut().enumerate() {
             let guard = self.ends[k];
@@ -239,20 +287,6 @@ impl Events {
             self.guards[k] = guard;
         }
         Ok(())
-    }
-
-    /// A part from where the search begins, to `at`.
-    fn part(
-        &mut self,
-        stretch: &Stretch<'_>,
-        (begin, end): (f64, f64),
-        (behind, before): (bool, bool),
-        work: &mut Workspace,
-        follower: &mut dyn Follower,
-    ) {
-        stretch.feed((begin, end), &mut self.trial.drive);
-        let part = Part { begin, end, x: &self.start, drive: &self.trial.drive, behind, before };
-        follower.part(stretch, part, &mut self.at, work);
     }
 
     /// Gives states their new values: from `at` to `start`. False where the instant has no derivative.
@@ -263,19 +297,17 @@ impl Events {
         work: &mut Workspace,
         follower: &mut dyn Follower,
     ) -> bool {
-        let row = &mut self.trial.drive[..stretch.layout().drive()];
-        stretch.drive_at(at, row);
-        let point = Point { t: stretch.t + at, x: &self.at, drive: row, known: stretch.known };
+        let point = self.search.point(stretch, at);
         stretch.dynamics.events_and_partials(point, &mut self.partials, work);
         if !follower.event(stretch, Jump { event, partials: &self.partials, growth }) {
             return false;
         }
         let sets = &stretch.layout().events[event];
-        self.start.copy_from_slice(&self.at);
+        self.search.start.copy_from_slice(&self.search.at);
         for (k, state) in sets.states.iter().enumerate() {
-            self.start[*state as usize] = self.partials[sets.first + k];
+            self.search.start[*state as usize] = self.partials[sets.first + k];
         }
-        self.at.copy_from_slice(&self.start);
+        self.search.at.copy_from_slice(&self.search.start);
         true
     }
 
@@ -286,10 +318,7 @@ impl Events {
         (event, instant): (usize, Instant),
         work: &mut Workspace,
     ) -> Option<usize> {
-        let layout = stretch.layout();
-        let row = &mut self.trial.drive[..layout.drive()];
-        stretch.drive_at(instant.at, row);
-        let point = Point { t: stretch.t + instant.at, x: &self.start, drive: row, known: stretch.known };
+        let point = stretch.point(instant.at, &self.search.start, &mut self.search.drive);
         stretch.dynamics.events_and_partials(point, &mut self.partials, work);
         stretch.dynamics.rates(point, &mut self.slopes[0], work);
         let rising = guard_rate(stretch, &self.partials, event, &self.slopes[0]).0 >= 0.0;
@@ -323,10 +352,8 @@ impl Events {
         self.below.fill(begin);
         self.brackets.fill(None);
         for (from_begin, ends) in [begin, stretch.h].into_iter().zip(0..2) {
-            let row = &mut self.trial.drive[..stretch.layout().drive()];
-            stretch.drive_at(from_begin, row);
-            let x = if ends == 0 { &self.start } else { &self.end };
-            let point = Point { t: stretch.t + from_begin, x, drive: row, known: stretch.known };
+            let x = if ends == 0 { &self.search.start } else { &self.search.end };
+            let point = stretch.point(from_begin, x, &mut self.search.drive);
             stretch.dynamics.rates(point, &mut self.slopes[ends], work);
         }
         for look in LOOKS {
@@ -351,18 +378,17 @@ impl Events {
 
     /// Guards at a time from the beginning of the step.
     fn look(&mut self, stretch: &Stretch<'_>, from_begin: f64, at: Looked<'_>, work: &mut Workspace) {
-        let row = &mut self.trial.drive[..stretch.layout().drive()];
-        stretch.drive_at(from_begin, row);
         let x: &[f64] = match at {
             Looked::At(x) => x,
-            Looked::End => &self.end,
+            Looked::End => &self.search.end,
             Looked::Between(begin, part) => {
-                let ([from, to], [first, last]) = ([&self.start, &self.end], [&self.slopes[0], &self.slopes[1]]);
-                between([from, to], [first, last], (part, stretch.h - begin), &mut self.trial.x);
-                &self.trial.x
+                let ([from, to], [first, last]) =
+                    ([&self.search.start, &self.search.end], [&self.slopes[0], &self.slopes[1]]);
+                between([from, to], [first, last], (part, stretch.h - begin), &mut self.trial);
+                &self.trial
             }
         };
-        let point = Point { t: stretch.t + from_begin, x, drive: row, known: stretch.known };
+        let point = stretch.point(from_begin, x, &mut self.search.drive);
         stretch.dynamics.events(point, &mut self.values, work);
     }
 
@@ -389,11 +415,8 @@ impl Events {
     ) -> Option<Instant> {
         let end = stretch.h;
         let mut guard = |at: f64| {
-            self.trial.take(stretch, (begin, at), &self.start, work);
-            let width = stretch.layout().drive();
-            let row = &mut self.trial.drive[..width];
-            stretch.drive_at(at, row);
-            let point = Point { t: stretch.t + at, x: &self.trial.x, drive: row, known: stretch.known };
+            self.search.trial(stretch, (begin, at), &mut self.trial, work);
+            let point = stretch.point(at, &self.trial, &mut self.search.drive);
             stretch.dynamics.events(point, &mut self.values, work);
             self.values[event]
         };
@@ -503,15 +526,6 @@ enum Looked<'a> {
     End,
     /// A part of the way from a time to the end of the step.
     Between(f64, f64),
-}
-
-impl Trial {
-    /// The end of a part from x.
-    fn take(&mut self, stretch: &Stretch<'_>, (begin, end): (f64, f64), x: &[f64], work: &mut Workspace) {
-        stretch.feed((begin, end), &mut self.drive);
-        let part = Part { begin, end, x, drive: &self.drive, behind: false, before: false };
-        StatesAlone.part(stretch, part, &mut self.x, work);
-    }
 }
 
 /// By how much a guard grows in time while states move by `rates` (n), and how large the terms of that are.

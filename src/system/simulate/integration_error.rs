@@ -201,7 +201,7 @@ fn ratios(
 /// Whether halving the steps changes nothing.
 fn is_exact(dynamics: &dyn Dynamics, run: &Run, steps: &Steps) -> bool {
     let layout = dynamics.layout();
-    let exact = matches!(steps.scheme(), Scheme::Recursion { .. }) && layout.delayed.is_empty();
+    let exact = matches!(steps.scheme(), Scheme::ExactDiscretisation { .. }) && layout.delayed.is_empty();
     exact || layout.states == 0 || run.len() < 2
 }
 

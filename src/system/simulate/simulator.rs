@@ -45,7 +45,7 @@ impl Integrator {
         }
         let (method, suited) = match scheme {
             Scheme::Radau if layout.states > 0 => return Self::Stiff(Box::new(Collocation::new(layout)), None),
-            Scheme::Recursion { .. } => (Method::Exact, discrete::possible(layout)),
+            Scheme::ExactDiscretisation { .. } => (Method::Exact, discrete::possible(layout)),
             Scheme::RungeKutta | Scheme::Radau => (Method::RungeKutta, discrete::suits(layout)),
         };
         let intervals = grid.per_interval().filter(|_| suited).and_then(|_| Intervals::of(grid));

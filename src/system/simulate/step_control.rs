@@ -12,6 +12,7 @@ use super::stiff::Past;
 use crate::dynamics::{Dynamics, Point, Step};
 use crate::record::Run;
 use fdm_grammar::graph::Signal;
+use fdm_numeric::halt::Halt;
 
 /// Sizes that errors are measured by: the magnitude of each state and the range of each output.
 #[derive(Debug, Clone)]
@@ -255,8 +256,8 @@ pub(super) struct Probe<'a> {
     followers: Vec<Follower>,
     drive: Vec<f64>,
     steps: SingleStep,
-    /// Whether there is time for more steps; without any none can be taken.
-    goes_on: &'a dyn Fn() -> bool,
+    /// When there is no time for more steps; then none can be taken.
+    halt: Option<&'a Halt>,
 }
 
 impl<'a> Probe<'a> {
@@ -272,13 +273,13 @@ impl<'a> Probe<'a> {
             followers: layout.delayed.iter().map(|_| Follower::default()).collect(),
             drive: vec![0.0; 3 * layout.drive()],
             steps,
-            goes_on: &|| true,
+            halt: None,
         }
     }
 
-    /// Takes no more steps once `goes_on` says no.
-    pub(super) fn asking(self, goes_on: &'a dyn Fn() -> bool) -> Self {
-        Self { goes_on, ..self }
+    /// Takes no more steps once this has ended.
+    pub(super) fn until(self, halt: Option<&'a Halt>) -> Self {
+        Self { halt, ..self }
     }
 
     /// What the implicit method takes over from the steps before.
@@ -296,7 +297,7 @@ impl<'a> Probe<'a> {
 
     /// The step from one part of an interval to another; `false` when its end is not finite or cannot be found, or time is over.
     pub(super) fn step(&mut self, interval: usize, (begin, end): (f64, f64), x: &[f64], next: &mut [f64]) -> bool {
-        if !(self.goes_on)() {
+        if !self.halt.is_none_or(Halt::goes_on) {
             return false;
         }
         let (from, to) = (self.run.time[interval], self.run.time[interval + 1]);

@@ -202,8 +202,10 @@ impl fmt::Display for Steps {
         };
         let plural = if count == 1 { "" } else { "s" };
         match self.scheme {
-            Scheme::Recursion { .. } if count == 1 => write!(f, "{}", self.scheme),
-            Scheme::Recursion { .. } => write!(f, "{}, {count} step{plural}{place} for delayed inputs", self.scheme),
+            Scheme::ExactDiscretisation { .. } if count == 1 => write!(f, "{}", self.scheme),
+            Scheme::ExactDiscretisation { .. } => {
+                write!(f, "{}, {count} step{plural}{place} for delayed inputs", self.scheme)
+            }
             _ if self.cut => write!(f, "{count} {} step{plural}{place}, cut at kinks", self.scheme),
             _ => write!(f, "{count} {} step{plural}{place}", self.scheme),
         }
@@ -219,8 +221,7 @@ pub enum Scheme {
     RungeKutta,
     /// The exact solution of a linear model from node to node, as a recursion. A delayed input enters each step by its first
     /// three moments, so that several steps between samples can be worthwhile.
-    #[serde(rename = "exact_discretisation")]
-    Recursion {
+    ExactDiscretisation {
         /// Subsystems that do not influence each other.
         subsystems: usize,
     },
@@ -232,7 +233,7 @@ impl Scheme {
     /// Order of convergence; that of a recursion is about its delayed inputs, all else is exact.
     pub fn order(self) -> u32 {
         match self {
-            Self::RungeKutta | Self::Recursion { .. } => 4,
+            Self::RungeKutta | Self::ExactDiscretisation { .. } => 4,
             Self::Radau => 5,
         }
     }
@@ -249,8 +250,8 @@ impl fmt::Display for Scheme {
         match self {
             Self::RungeKutta => write!(f, "Runge-Kutta"),
             Self::Radau => write!(f, "Radau IIA"),
-            Self::Recursion { subsystems: 1 } => write!(f, "exact discretisation (linear model)"),
-            Self::Recursion { subsystems } => {
+            Self::ExactDiscretisation { subsystems: 1 } => write!(f, "exact discretisation (linear model)"),
+            Self::ExactDiscretisation { subsystems } => {
                 write!(f, "exact discretisation (linear model, {subsystems} subsystems)")
             }
         }

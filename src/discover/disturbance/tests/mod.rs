@@ -4,7 +4,7 @@
 use super::place::{DisturbanceError, places};
 use super::*;
 use crate::bins::Record;
-use fdm_estimate::{FitOptions, fit};
+use fdm_estimate::{FitOptions, Work, fit};
 use fdm_numeric::random::Stream;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
@@ -206,7 +206,7 @@ impl Case {
 
     fn fitted(model: &Model, runs: Vec<Run>) -> Self {
         let options = FitOptions { bare: true, per_interval: Some(1), ..FitOptions::default() };
-        let fitted = fit(model, &runs, &options, &mut ()).unwrap();
+        let fitted = fit(model, &runs, &options, &Work::default()).unwrap();
         let theta: Vec<f64> = model
             .definition()
             .params

@@ -1,0 +1,249 @@
+//! What can be chosen about an output-error fit in the time domain.
+
+use crate::methods::equation_error::RegressionOptions;
+use crate::methods::output_error::loss::Loss;
+use crate::methods::responses::ResponseOptions;
+use crate::methods::spectra::{Nonlinear, SpectralOptions};
+use crate::problem::Options;
+use crate::problem::changes::Changes;
+use crate::problem::method::{Domain, Method};
+use fdm_system::frequency::EndTerms;
+use fdm_system::model::Model;
+use fdm_system::record::Run;
+use fdm_system::simulate::{Accuracy, Scheme, Simulator, Steps, UNSOUND};
+use fdm_system::spectrum::Frequencies;
+use serde::Serialize;
+use std::str::FromStr;
+
+/// What a user may choose about a fit.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct FitOptions {
+    /// What is minimised.
+    pub method: Method,
+    /// On what data.
+    pub domain: Domain,
+    /// Start values, and which parameters are fixed and free.
+    pub changes: Changes,
+    /// How to estimate.
+    pub options: Options,
+    /// What is made of residuals; other than squares by output error in the time domain only.
+    #[serde(skip_serializing_if = "Loss::is_squares")]
+    pub loss: Loss,
+    /// Equal steps between neighbouring samples; chosen for accuracy when not given.
+    pub per_interval: Option<usize>,
+    /// How to integrate; chosen for accuracy and speed when not given.
+    pub scheme: Option<Scheme>,
+    /// Integration error that is of no consequence, as a part of each output's range; 1e-8 when not given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub accuracy: Option<f64>,
+    /// Whether and how the record is fitted by continuation: a short part of it first, then longer ones.
+    pub continuation: Continuation,
+    /// States whose measured record takes their place in the equations of a first fit, whose result starts the fit of the
+    /// full model; `all` for every state that is measured.
+    pub substitute: Vec<String>,
+    /// Whether and how the record is cut for multiple shooting.
+    pub shooting: Option<Shooting>,
+    /// Fit shorter records too and order the parameters by confidence ([`Fit::by_length`](crate::Fit::by_length)).
+    pub confidence: bool,
+    /// Fit with other weights of the outputs too ([`Fit::reweighting`](crate::Fit::reweighting)).
+    pub reweight: bool,
+    /// From how many starts to fit.
+    pub starts: MultiStart,
+    /// Steps that these starts have in common.
+    pub shared_steps: SharedSteps,
+    /// Estimates and their errors alone: the residuals are not judged, nor is the integration where its steps were given
+    /// (its error is then not a number). For fits by the thousand.
+    pub bare: bool,
+    /// What may be chosen in the frequency domain.
+    pub frequency: FrequencyOptions,
+    /// What may be chosen about equation error; its domain is that of the fit.
+    pub regression: RegressionOptions,
+}
+
+/// What may be chosen in the frequency domain.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FrequencyOptions {
+    /// At which frequencies.
+    pub frequencies: Frequencies,
+    /// What is done about the end terms of the transforms.
+    pub ends: EndTerms,
+    /// What is done about nonlinear terms.
+    pub nonlinear: Nonlinear,
+    /// Standard deviations of the noise of recorded inputs, by name.
+    pub input_noise: Vec<(String, f64)>,
+    /// Whether the estimation begins with values from equation error, where states are measured.
+    pub regressed: bool,
+    /// Whether initial states and biases are found in the time domain afterwards.
+    pub finish: bool,
+    /// Of frequency responses: lengths of the segments that are averaged, in the model's time; none for two of them.
+    pub segments: Vec<f64>,
+    /// Of frequency responses: pairs of output and input that are compared; none for all that the model connects.
+    pub pairs: Vec<(String, String)>,
+    /// Of frequency responses: coherence below which a frequency does not count.
+    pub coherence: f64,
+}
+
+impl Default for FrequencyOptions {
+    fn default() -> Self {
+        let SpectralOptions { frequencies, ends, nonlinear, input_noise, regressed, finish, .. } =
+            SpectralOptions::default();
+        let ResponseOptions { segments, pairs, coherence, .. } = ResponseOptions::default();
+        Self { frequencies, ends, nonlinear, input_noise, regressed, finish, segments, pairs, coherence }
+    }
+}
+
+impl FitOptions {
+    /// Those of a fit of spectra.
+    pub(crate) fn of_spectra(&self) -> SpectralOptions {
+        let FrequencyOptions { frequencies, ends, nonlinear, input_noise, regressed, finish, .. } =
+            self.frequency.clone();
+        let (changes, options) = (self.changes.clone(), self.options.clone());
+        SpectralOptions { changes, options, frequencies, ends, nonlinear, input_noise, regressed, finish }
+    }
+
+    /// Those of a fit of frequency responses.
+    pub(crate) fn of_responses(&self) -> ResponseOptions {
+        let FrequencyOptions { frequencies, segments, pairs, coherence, finish, .. } = self.frequency.clone();
+        let (changes, options) = (self.changes.clone(), self.options.clone());
+        ResponseOptions { changes, options, frequencies, segments, pairs, coherence, finish }
+    }
+
+    /// These options, but noise that the model declares is known where all variances were to be estimated.
+    pub fn with_declared_noise(mut self, model: &Model) -> Self {
+        self.options.noise = self.options.noise.or_declared(&model.definition().outputs);
+        self
+    }
+}
+
+/// Whether and how a record is fitted by record-length continuation: a short part of it first, then longer ones.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub enum Continuation {
+    /// Only as a fallback strategy, when the start values cannot be used or lead astray.
+    #[default]
+    Auto,
+    /// Never.
+    Never,
+    /// These shares of every run, rising; the whole record comes last without being asked for.
+    Shares(Vec<f64>),
+    /// Up to these times since the run began, in the model's time unit, rising; the whole record comes last.
+    Times(Vec<f64>),
+}
+
+impl FromStr for Continuation {
+    type Err = String;
+
+    /// `auto`, `never`, a number of equal lengths, or rising times divided by commas.
+    fn from_str(text: &str) -> Result<Self, String> {
+        const WANTED: &str = "`auto`, `never`, a number of lengths from 2 on, or rising times such as 5,10,20";
+        match text.trim() {
+            "auto" => Ok(Self::Auto),
+            "never" => Ok(Self::Never),
+            list if list.contains(',') || list.contains('.') => {
+                let times = list.split(',').filter(|t| !t.trim().is_empty()).map(|t| t.trim().parse::<f64>());
+                let times: Vec<f64> = times.collect::<Result<_, _>>().map_err(|_| format!("expected {WANTED}"))?;
+                let rising = times.windows(2).all(|w| w[0] < w[1]) && times.iter().all(|t| t.is_finite() && *t > 0.0);
+                if rising && !times.is_empty() { Ok(Self::Times(times)) } else { Err(format!("expected {WANTED}")) }
+            }
+            number => match number.parse::<u32>() {
+                Ok(n) if (2..=1000).contains(&n) => {
+                    Ok(Self::Shares((1..=n).map(|k| f64::from(k) / f64::from(n)).collect()))
+                }
+                _ => Err(format!("expected {WANTED}")),
+            },
+        }
+    }
+}
+
+/// How the record is cut.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub enum Shooting {
+    /// So many segments in each run.
+    Segments(usize),
+    /// Segments of this length, in the model's time unit.
+    Length(f64),
+}
+
+/// From how many starts to fit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct MultiStart {
+    /// Number of starts, the given one included.
+    pub count: usize,
+    /// Chooses the others.
+    pub seed: u64,
+}
+
+impl Default for MultiStart {
+    fn default() -> Self {
+        Self { count: 1, seed: 0 }
+    }
+}
+
+/// Steps of each run that were chosen once for many starts: what they reach is then comparable, and wild start values do not
+/// ask for wildly fine steps.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct SharedSteps {
+    /// Empty when every start chooses its own.
+    steps: Vec<Steps>,
+    /// Whether steps count as good enough that a result must not be reported with.
+    provisional: bool,
+}
+
+/// Integration errors at the estimates above this part of an output's range are worth another round with finer steps.
+const COARSE: f64 = 1e-7;
+
+impl SharedSteps {
+    /// The steps that were chosen for the given start, unless it cannot be simulated.
+    pub fn of(chosen: Vec<Accuracy>) -> Self {
+        let usable = chosen.iter().all(|a| a.error.is_finite());
+        let steps = if usable { chosen.into_iter().map(|a| a.steps).collect() } else { Vec::new() };
+        Self { steps, provisional: false }
+    }
+
+    /// These steps for starts of which only the best is looked at once more.
+    pub(crate) fn provisional(&self) -> Self {
+        Self { steps: self.steps.clone(), provisional: !self.steps.is_empty() }
+    }
+
+    /// Whether only the best of many starts is looked at once more.
+    pub(crate) fn is_provisional(&self) -> bool {
+        self.provisional
+    }
+
+    /// The integration error that calls for finer steps where this accuracy was asked for.
+    pub(crate) fn coarse(&self, accuracy: Option<f64>) -> f64 {
+        let coarse = accuracy.map_or(COARSE, |accuracy| 10.0 * accuracy);
+        if self.provisional { UNSOUND.max(coarse) } else { coarse }
+    }
+
+    /// The steps of these runs, or of parts of them from their beginnings; none where they cannot be simulated with them.
+    pub(crate) fn steps(&self, model: &Model, runs: &[Run], starts: &[Vec<f64>]) -> Option<Vec<Steps>> {
+        if self.steps.len() != runs.len() || runs.is_empty() {
+            return None;
+        }
+        let steps: Vec<Steps> = self.steps.iter().zip(runs).map(|(steps, run)| steps.part(0..run.len())).collect();
+        let reached = |((run, theta), steps): ((&Run, &Vec<f64>), &Steps)| {
+            let Ok(mut simulator) = Simulator::new(model.dynamics(), run, steps.clone()) else { return false };
+            let mut y = vec![0.0; simulator.samples() * simulator.outputs()];
+            simulator.suits(theta).is_ok() && simulator.simulate(theta, &mut y).is_ok()
+        };
+        runs.iter().zip(starts).zip(&steps).all(reached).then_some(steps)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_numbers_and_times_are_told_apart() {
+        let read = |text: &str| text.parse::<Continuation>();
+        assert_eq!(read("auto"), Ok(Continuation::Auto));
+        assert_eq!(read("never"), Ok(Continuation::Never));
+        assert_eq!(read("4"), Ok(Continuation::Shares(vec![0.25, 0.5, 0.75, 1.0])));
+        assert_eq!(read("5, 10,20"), Ok(Continuation::Times(vec![5.0, 10.0, 20.0])));
+        assert_eq!(read("2.5"), Ok(Continuation::Times(vec![2.5])));
+        for wrong in ["", "1", "10,5", "-1,2", "1,nan", "some", "0"] {
+            assert!(read(wrong).is_err(), "{wrong}");
+        }
+    }
+}

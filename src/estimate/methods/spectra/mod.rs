@@ -1,0 +1,32 @@
+//! Estimation in the frequency domain: maximum likelihood on the spectra of runs (Marchand and Fu 1985), for linear models and for nonlinear ones, linearised at
+//! their trim or with nonlinear terms as measured regressors.
+//!
+//! **In** a model and runs. **Out** a [`SpectralFit`]: an estimate over coefficients, and what the time domain adds. **Start** at [`fit_spectra`].
+//!
+//! Real and imaginary part of a coefficient are two samples of the same problem that the time domain solves, so that cost, iteration, noise and statistics
+//! are one code: R of the samples is half of S. `setting` (model, spectra, end-point corrections) -> `starting_values` (from equation error) -> `response` ->
+//! the estimation -> `initial_conditions` (initial states and biases in the time domain).
+
+mod bins;
+#[cfg(test)]
+mod bins_tests;
+mod error;
+mod fit;
+pub(crate) mod initial_conditions;
+mod intersample;
+mod noise_in_time;
+mod options;
+mod regressor_noise;
+pub(crate) mod response;
+pub(crate) mod setting;
+pub(crate) mod starting_values;
+#[cfg(test)]
+mod tests;
+pub(crate) mod unobservable_modes;
+
+pub use bins::{BinResponse, SpectralBins};
+pub use error::{SpectralError, Unanswered};
+pub use fit::{RunSpectrum, SpectralFit, fit_spectra};
+pub use options::{Nonlinear, SpectralOptions};
+pub use starting_values::StartingValue;
+pub use unobservable_modes::UnobservableMode;

@@ -1,0 +1,42 @@
+//! Standard errors for the noise that there really is: which sandwich that is follows from what the numbers of the runs are.
+
+use super::coloured::corrected;
+use super::known_noise::corrected_known;
+use super::sandwich::{Corrected, Ended, Uncorrected};
+use super::spectra::corrected_spectra;
+use super::varying_noise::{allow, allow_spectra};
+use crate::problem::{Numbers, Problem};
+use crate::residuals::NoiseVariation;
+use crate::work::Work;
+
+/// The corrected covariance, and whether the noise of each output is of one size, as far as that can be told.
+///
+/// # Errors
+/// [`Uncorrected`] when that is not possible.
+pub(crate) fn correct(
+    problem: &mut Problem<'_>,
+    ended: &Ended<'_>,
+    work: &Work<'_>,
+) -> Result<(Corrected, Vec<NoiseVariation>), Uncorrected> {
+    if ended.sandwich.bound.inverse.chosen.is_empty() {
+        // all at their bounds, or without any effect
+        return Err(Uncorrected::NoDegreesOfFreedom);
+    }
+    match problem.numbers() {
+        Numbers::KnownNoise => Ok((corrected_known(problem, ended)?, Vec::new())),
+        Numbers::Coefficients => {
+            let mut own = corrected_spectra(problem, ended)?;
+            let variation = match ended.good && work.goes_on() {
+                true => allow_spectra(problem, ended, &mut own)?,
+                false => Vec::new(),
+            };
+            Ok((own, variation))
+        }
+        Numbers::Standardised => Ok((corrected(problem, ended)?.0, Vec::new())),
+        Numbers::InTime => {
+            let (mut own, rows) = corrected(problem, ended)?;
+            let variation = allow(problem, ended, &rows, &mut own)?;
+            Ok((own, variation))
+        }
+    }
+}

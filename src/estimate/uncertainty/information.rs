@@ -1,0 +1,252 @@
+//! Fisher's information of runs about the parameters that they share, with what belongs to each run eliminated (Schur complement).
+
+use crate::iteration::normal_equations::{NormalEquations, NotFinite};
+use crate::problem::derived::DerivedQuantities;
+use crate::problem::response::RunResponse;
+use crate::problem::{Problem, ProblemRun};
+use crate::uncertainty::identifiability::{Direction, undetermined};
+use fdm_numeric::quadratic::Inverse;
+use fdm_system::model::Model;
+use fdm_system::record::Run;
+use fdm_system::simulate::{Simulator, StepOptions, UNSOUND, Unsuited, choose_steps};
+use nalgebra::{DMatrix, DVector};
+
+/// Eigenvalues of what belongs to the runs, below this part of the largest, count as zero.
+const RANK: f64 = 1e-12;
+
+/// Why a run has no information.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum NoInformation {
+    /// It cannot be simulated with exact derivatives.
+    #[error("run `{run}`: {reason}")]
+    Unsuited {
+        /// The run.
+        run: String,
+        /// Why.
+        reason: Unsuited,
+    },
+    /// Its response leaves all bounds.
+    #[error("run `{run}` runs away: its response is not finite from {time} on")]
+    RunsAway {
+        /// The run.
+        run: String,
+        /// When.
+        time: f64,
+    },
+    /// No steps integrate it with an error that is small beside its response.
+    #[error("run `{run}` is not integrated: the error is {error:.0e} of an output's range")]
+    Inaccurate {
+        /// The run.
+        run: String,
+        /// The error, as a part of an output's range.
+        error: f64,
+    },
+    /// Its response is finite, its sensitivities are not.
+    #[error("run `{run}` has no finite sensitivities")]
+    NotFinite {
+        /// The run.
+        run: String,
+    },
+}
+
+/// J'R^-1 J of the free shared parameters (P by P), in their units.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Information {
+    /// Names of the parameters.
+    names: Vec<String>,
+    matrix: DMatrix<f64>,
+}
+
+impl Information {
+    /// Nothing but what the model's priors say.
+    pub fn prior(model: &Model) -> Self {
+        let params = model.definition().params.iter().filter(|p| !p.fixed && !p.per_run);
+        let weights: Vec<f64> = params.clone().map(|p| p.prior.map_or(0.0, |p| p.deviation.powi(-2))).collect();
+        let names = params.map(|p| p.quantity.name.clone()).collect();
+        Self { names, matrix: DMatrix::from_diagonal(&DVector::from_vec(weights)) }
+    }
+
+    /// Of runs with all their parameters (p each), by white noise of these standard deviations (q). Only inputs and times are read of the
+    /// runs, and which outputs were measured: the rest is in the model. Also the responses (N by q each).
+    ///
+    /// # Errors
+    /// [`NoInformation`], where a run cannot be simulated to its end with finite sensitivities.
+    pub fn of(
+        model: &Model,
+        runs: &[Run],
+        thetas: &[Vec<f64>],
+        deviations: &[f64],
+    ) -> Result<(Self, Vec<Vec<f64>>), NoInformation> {
+        let definition = model.definition();
+        let (mut prepared, mut responses) = (Vec::with_capacity(runs.len()), Vec::with_capacity(runs.len()));
+        for (run, theta) in runs.iter().zip(thetas) {
+            let name = || run.name.clone();
+            let unsuited = |reason| NoInformation::Unsuited { run: name(), reason };
+            let steps = choose_steps(model.dynamics(), run, theta, &StepOptions::default()).map_err(unsuited)?;
+            if steps.error.is_finite() && steps.error > UNSOUND {
+                return Err(NoInformation::Inaccurate { run: name(), error: steps.error });
+            }
+            let mut simulator = Simulator::new(model.dynamics(), run, steps.steps).map_err(unsuited)?;
+            simulator.suits(theta).map_err(unsuited)?;
+            let mut response = vec![0.0; run.measured.len()];
+            let simulated = simulator.simulate(theta, &mut response);
+            simulated.map_err(|d| NoInformation::RunsAway { run: name(), time: d.time })?;
+            responses.push(response);
+            let (name, measured, start) = (name(), run.measured.clone(), theta.clone());
+            prepared.push(ProblemRun { name, response: RunResponse::in_time(simulator), measured, start });
+        }
+        let derived = DerivedQuantities::of(definition, model.dynamics());
+        let mut problem = Problem::new(definition, prepared, derived);
+        let free = |per_run: bool| {
+            let of = move |p: &&fdm_grammar::model::Param| !p.fixed && p.per_run == per_run;
+            definition.params.iter().filter(of).count()
+        };
+        let (shared, own) = (free(false), free(true));
+        let mut values = Vec::with_capacity(shared + own * runs.len());
+        let chosen = |per_run: bool, theta: &[f64]| -> Vec<f64> {
+            let params = definition.params.iter().zip(theta);
+            params.filter(|(p, _)| !p.fixed && p.per_run == per_run).map(|(_, v)| *v).collect()
+        };
+        values.extend(thetas.first().map_or(Vec::new(), |theta| chosen(false, theta)));
+        thetas.iter().for_each(|theta| values.extend(chosen(true, theta)));
+        // the parameters that runs share are read from the problem, not from a run
+        for (param, value) in problem.params.iter_mut().zip(thetas.first().into_iter().flatten()) {
+            param.value = if param.per_run { param.value } else { *value };
+        }
+        let mut equations = NormalEquations::new(&mut problem, deviations);
+        let infinite = |e: NotFinite| NoInformation::NotFinite { run: runs[e.run].name.clone() };
+        equations.evaluate(&values).map_err(infinite)?;
+        let whole = DMatrix::from_row_slice(values.len(), values.len(), equations.information());
+        Ok((Self { matrix: without(&whole, shared), ..Self::prior(model) }, responses))
+    }
+
+    /// The information of both together.
+    pub fn plus(&self, other: &Self) -> Self {
+        Self { names: self.names.clone(), matrix: &self.matrix + &other.matrix }
+    }
+
+    /// J'R^-1 J itself (P by P).
+    pub fn matrix(&self) -> &DMatrix<f64> {
+        &self.matrix
+    }
+
+    /// Names of the parameters.
+    pub fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    /// The standard error of each parameter, were it estimated from this; none where it is not determined.
+    pub fn errors(&self) -> Vec<Option<f64>> {
+        let (scale, inverse, determined, _) = self.inverted();
+        let mut errors = vec![None; self.names.len()];
+        let n = inverse.chosen.len();
+        for (k, j) in inverse.chosen.iter().enumerate().filter(|(k, _)| determined[*k]) {
+            errors[*j] = Some(inverse.values[k * n + k].max(0.0).sqrt() / scale[*j]);
+        }
+        errors
+    }
+
+    /// Combinations that this does not determine, in words.
+    pub fn undetermined(&self) -> Vec<Direction> {
+        self.inverted().3
+    }
+
+    fn inverted(&self) -> (Vec<f64>, Inverse, Vec<bool>, Vec<Direction>) {
+        let inside = vec![true; self.names.len()];
+        let values: Vec<f64> = self.matrix.iter().copied().collect();
+        let (scale, inverse) = Inverse::of_products(&values, &inside);
+        let (determined, directions) =
+            undetermined(&scale, &inside, &inverse, |j| self.names.get(j).cloned().unwrap_or_default());
+        (scale, inverse, determined, directions)
+    }
+
+    /// Bits of information that this holds about parameters of which nothing but their size was known before (`sizes`, P): half the
+    /// logarithm of the ratio by which their uncertain volume shrinks.
+    pub fn bits(&self, sizes: &[f64]) -> f64 {
+        let size = self.names.len();
+        let scaled = DMatrix::from_fn(size, size, |i, j| {
+            self.matrix[(i, j)] * sizes[i] * sizes[j] + if i == j { 1.0 } else { 0.0 }
+        });
+        let eigenvalues = scaled.symmetric_eigenvalues();
+        0.5 * eigenvalues.iter().map(|v| v.max(1.0).log2()).sum::<f64>()
+    }
+}
+
+/// The first `shared` unknowns when the others are free: A - B D^-1 B'. What moves nothing takes nothing.
+fn without(whole: &DMatrix<f64>, shared: usize) -> DMatrix<f64> {
+    let own = whole.nrows() - shared;
+    let first = whole.view((0, 0), (shared, shared)).clone_owned();
+    if own == 0 {
+        return first;
+    }
+    let scale: Vec<f64> = (shared..whole.nrows()).map(|k| whole[(k, k)].max(0.0).sqrt()).collect();
+    let inverse = |k: usize| if scale[k] > 0.0 { 1.0 / scale[k] } else { 0.0 };
+    let scaled = DMatrix::from_fn(own, own, |i, j| whole[(shared + i, shared + j)] * inverse(i) * inverse(j));
+    let beside = DMatrix::from_fn(shared, own, |i, j| whole[(i, shared + j)] * inverse(j));
+    let eigen = scaled.symmetric_eigen();
+    let largest = eigen.eigenvalues.iter().copied().fold(0.0, f64::max);
+    let along = beside * &eigen.eigenvectors;
+    let taken = DMatrix::from_fn(shared, own, |i, k| {
+        let value = eigen.eigenvalues[k];
+        if value > RANK * largest { along[(i, k)] / value.sqrt() } else { 0.0 }
+    });
+    first - &taken * taken.transpose()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::work::Work;
+    use crate::{FitOptions, Noise, Options, fit};
+
+    const TEXT: &str =
+        "model m { input u, v; state x = free; param k = 2 in [0, 50] [1/s], g = 3, h = 1; param b = 0.1 per run;
+        der(x) = -k*x + g*u + h*v; output y = x + b; output z = 2*x; }";
+
+    fn run(name: &str, v: f64) -> Run {
+        let n = 60;
+        let inputs = |k: usize| [f64::from(u8::from(k % 20 < 10)), v * f64::from(u8::from(k % 14 < 7))];
+        Run {
+            name: name.into(),
+            time: (0..n).map(|k| 0.05 * k as f64).collect(),
+            inputs: (0..n).flat_map(inputs).collect(),
+            held: vec![true; 2],
+            measured: vec![0.0; 2 * n],
+            input_gaps: vec![0; 2],
+            stated: Vec::new(),
+            output_gaps: vec![0; 2],
+        }
+    }
+
+    #[test]
+    fn errors_are_those_of_a_fit_by_the_same_noise() {
+        let model = Model::from_text("m.fdm", TEXT).unwrap();
+        let mut runs = [run("a", 1.0), run("b", -2.0)];
+        let theta = model.definition().start();
+        let thetas = vec![theta.clone(), theta];
+        let (told, responses) = Information::of(&model, &runs, &thetas, &[0.1, 0.2]).unwrap();
+        runs.iter_mut().zip(responses).for_each(|(run, response)| run.measured = response);
+        let options = Options { noise: Noise::Given(vec![Some(0.1), Some(0.2)]), ..Options::default() };
+        let fitted = fit(&model, &runs, &FitOptions { options, ..FitOptions::default() }, &Work::default()).unwrap();
+        for (name, error) in told.names().iter().zip(told.errors()) {
+            let other = fitted.estimate.parameter(name, None).unwrap().standard_error.unwrap();
+            let own = error.unwrap();
+            assert!((own / other - 1.0).abs() < 1e-6, "{name}: {own} and {other}");
+        }
+        assert!(told.undetermined().is_empty());
+    }
+
+    #[test]
+    fn what_an_unmoved_input_does_is_not_determined_until_it_moves() {
+        let model = Model::from_text("m.fdm", TEXT).unwrap();
+        let theta = vec![model.definition().start()];
+        let of = |v: f64| Information::of(&model, &[run("a", v)], &theta, &[0.1, 0.1]).unwrap().0;
+        let still = of(0.0);
+        let errors = still.errors();
+        assert!(errors[0].is_some() && errors[1].is_some() && errors[2].is_none(), "{errors:?}");
+        assert!(still.undetermined()[0].sentence.contains("`h`"), "{:?}", still.undetermined());
+        let both = still.plus(&of(1.0));
+        assert!(both.errors()[2].is_some());
+        assert!(both.bits(&[1.0; 3]) > still.bits(&[1.0; 3]) + 1.0);
+    }
+}

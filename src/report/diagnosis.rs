@@ -1,0 +1,561 @@
+//! A diagnosis: what is wrong and when, the causes with their alternatives, what changes in the equations, what is gained, what
+//! was ruled out.
+
+use super::section::{Part, Rows, Section, Trust, Verdict as Judged};
+use crate::equations::{Line, lines, shown as set};
+use crate::page::columns::{Column, Columns};
+use crate::page::figure::{Figure, Look, Mark, Panel, Shape};
+use crate::page::number::{bracketed, unit_of_frequency};
+use crate::page::subject::Subject;
+use crate::page::thinning::Kept;
+use crate::text;
+use fdm_discover::{Biased, Cause, CurvePoint, Detectable, FrontModel, LackOfFit, OutputGain, PlaceKind, Verdict};
+use fdm_results::documents::{DiagnosisDocument, digits, fixed, with_run};
+use maud::{Markup, html};
+use similar::{ChangeTag, DiffOp, TextDiff, capture_diff_slices};
+
+/// Points of a line.
+const POINTS: usize = 4000;
+/// Rows of a table that need not be folded, and of what would have been seen.
+const FEW: usize = 12;
+/// Places, laws and candidates that are named.
+const NAMED: usize = 3;
+/// Candidates that came nearest.
+const NEAREST: usize = 5;
+/// Outputs whose errors have columns of their own in text.
+const OUTPUTS: usize = 2;
+/// Standard errors by which a parameter has moved before it is shown.
+const MOVED: f64 = 1.0;
+
+/// Sentences and tables.
+pub fn diagnosis_text(found: &DiagnosisDocument) -> String {
+    let stopped = is_cut_short(found).then(|| "The search was stopped before its end.".into());
+    let head = unexplained(found).chain([verdict(found).sentence]).chain(stopped).map(|said| format!("{said}\n"));
+    let all = [
+        Some(wrong(found, "")),
+        Some(causes(found)),
+        nearest(found),
+        front(found),
+        Some(gained(found)),
+        moved(found),
+        rejected(found),
+        Some(detectable(found)).filter(|_| found.causes.is_empty()),
+        Some(ended(found)),
+    ];
+    text::below(head.collect(), &all.into_iter().flatten().collect::<Vec<_>>())
+}
+
+/// The sections of a diagnosis.
+pub(crate) fn sections(subject: &Subject, found: &DiagnosisDocument) -> Vec<Section> {
+    let runs = ordered(subject, &found.outputs).into_iter().enumerate().map(|(k, (summary, table))| {
+        let figures = overlays(k, table).into_iter().map(Part::from).collect();
+        Part::Folded { summary, open: k < 2, class: "run", parts: figures }
+    });
+    let all = [
+        Some(wrong(found, &subject.time())).filter(|s| !s.parts.is_empty()),
+        Some(causes(found)).filter(|s| !s.parts.is_empty()),
+        nearest(found),
+        front(found),
+        change(subject),
+        Some(gained(found).with_all(runs)).filter(|_| !found.outputs.is_empty()),
+        moved(found),
+        rejected(found),
+        Some(detectable(found)).filter(|_| !found.detectable.is_empty()),
+        Some(ended(found)),
+    ];
+    all.into_iter().flatten().collect()
+}
+
+/// In one sentence, and the sentences that stand below it, each with the section that shows it.
+pub(crate) fn verdict(found: &DiagnosisDocument) -> Judged {
+    let said = match (found.verdict, found.stopped) {
+        (Verdict::EffectFound, _) => "Something is missing from the model",
+        (Verdict::Disturbance, _) => "A disturbance (process noise) acts on the model",
+        (Verdict::UnknownCause, true) => "The model is wrong; the search for the cause was stopped",
+        (Verdict::UnknownCause, false) => "The model is wrong, but no effect of the catalogue explains how",
+        (Verdict::NoEffectFound, true) => "Nothing was found before the search was stopped",
+        (Verdict::NoEffectFound, false) => "No missing effect detected",
+    };
+    let is_clean = found.verdict == Verdict::NoEffectFound && !found.stopped;
+    let causes = found
+        .causes
+        .iter()
+        .enumerate()
+        .map(|(k, c)| format!("Cause {}: {} (gain in log-likelihood {:.1})", k + 1, c.doc, c.gain_training));
+    let stopped = is_cut_short(found).then(|| "The search was stopped before its end".into());
+    Judged::new(
+        if is_clean { Trust::Good } else { Trust::Reserved },
+        format!("{said} (family-wise p = {}).", chance(found.family_wise_p)),
+    )
+    .with_points(unexplained(found), "gain")
+    .with_points(stopped, "wrong")
+    .with_points(causes, "causes")
+    .with_points(lacks(found).map(str::to_string), "wrong")
+    .with_points(found.residual_analysis.iter().cloned(), "wrong")
+}
+
+/// Outputs of which the model explains nothing: what is found beside such a fit may be about the fit.
+fn unexplained(found: &DiagnosisDocument) -> impl Iterator<Item = String> {
+    OutputGain::unexplained(&found.outputs).into_iter().map(|(output, r2)| {
+        let r2 = fixed(Some(r2), 2);
+        format!("The model as it was given explains nothing of {output} (R^2 {r2}): look at its structure and its start values first.")
+    })
+}
+
+/// Whether the search was stopped after something was found.
+fn is_cut_short(found: &DiagnosisDocument) -> bool {
+    found.stopped && matches!(found.verdict, Verdict::EffectFound | Verdict::Disturbance)
+}
+
+/// What the outputs lack, where something is wrong.
+fn lacks(found: &DiagnosisDocument) -> impl Iterator<Item = &str> {
+    let wrong = found.lack_of_fit.iter().filter(|_| found.verdict != Verdict::NoEffectFound);
+    wrong.flat_map(|m| &m.sentences).map(String::as_str)
+}
+
+fn chance(p: f64) -> String {
+    if p < 1e-4 { format!("{p:.0e}") } else { format!("{p:.3}") }
+}
+
+/// What is wrong, where, and what is left; `time` is the unit of time.
+fn wrong(found: &DiagnosisDocument, time: &str) -> Section {
+    let of_output = |(k, m): (usize, &LackOfFit)| {
+        let unit = m.unit.as_deref().unwrap_or_default();
+        let (rms, level) = (digits(m.rms, 3), digits(m.noise_level, 3));
+        let heading = format!("`{}`: {rms} {unit} where noise would leave {level} {unit}", m.output);
+        let parts = [Part::Heading(heading), Part::List(m.sentences.clone()), Part::Pair(of_lack_of_fit(k, m, time))];
+        parts.map(Part::on_page)
+    };
+    let said = lacks(found).map(|said| Part::Line(format!("  {said}")).in_text());
+    let sure = || found.places.iter().filter(|s| s.evidence.is_finite());
+    let odds = found.places.iter().take(NAMED).map(|place| {
+        let line = format!("something unknown at {}: the odds are e^{:.0} to 1", place.place, place.evidence);
+        Part::Line(line).in_text()
+    });
+    let mut places = Rows::over(sure());
+    places.words("place", |s| entrance(s.place.kind));
+    places.name("of", |s| s.place.name.clone());
+    places.number("logarithm of the odds", |s| digits(s.evidence, 4));
+    let places = (sure().count() > 0)
+        .then(|| Part::from(places.below("Where something unknown would enter, by the odds that it does:")).on_page());
+    let laws = found.suggestions.iter().flat_map(|s| &s.list).take(NAMED);
+    let laws = laws.map(|s| format!("it looks like {:.4} * {} in {}", s.coefficient, s.function, s.place));
+    let law = law_figure(found).map(|figure| {
+        let note = "Where the residuals follow one signal alike in all runs, what is missing there, estimated beside the parameters; \
+                    the band is two standard deviations wide on either side.";
+        [Part::Note(note.into()).on_page(), figure.into()]
+    });
+    Section::new("wrong", "What is wrong")
+        .with_all(found.lack_of_fit.iter().enumerate().flat_map(of_output))
+        .with_all(said)
+        .with_all(odds)
+        .with_all(places)
+        .lines(laws.chain(found.residual_analysis.iter().cloned()))
+        .with_all(law.into_iter().flatten())
+}
+
+/// An unmodelled nonlinearity over its variable.
+fn law_figure(found: &DiagnosisDocument) -> Option<Figure> {
+    let law = found.attribution.as_ref()?.nonlinearity.as_ref()?;
+    let (place, variable) = (&law.place, &law.curve.variable);
+    let of = |value: fn(&CurvePoint) -> f64| law.curve.points.iter().map(value).collect::<Vec<f64>>();
+    let added = match place.kind {
+        PlaceKind::Equation => format!("added to der({})", place.name),
+        _ => format!("added to {}", place.name),
+    };
+    let marks = vec![
+        Mark::between(
+            "two standard deviations",
+            Look::Bound,
+            Shape::Band,
+            of(|p| p.value - 2.0 * p.deviation),
+            of(|p| p.value + 2.0 * p.deviation),
+        ),
+        Mark::between("estimate", Look::Residual, Shape::Line, Vec::new(), of(|p| p.value)),
+    ];
+    Some(
+        Figure::new("law", format!("what {} lacks, over {variable}", place.name), variable.clone(), of(|p| p.at))
+            .with(Panel::new(added, 150, marks))
+            .half(),
+    )
+}
+
+/// In what it enters, in one word.
+fn entrance(kind: PlaceKind) -> &'static str {
+    match kind {
+        PlaceKind::Input => "input",
+        PlaceKind::Equation => "equation",
+        PlaceKind::Output => "output",
+    }
+}
+
+/// All figures of a diagnosis.
+pub(crate) fn figures(subject: &Subject, found: &DiagnosisDocument) -> Vec<Figure> {
+    let time = subject.time();
+    let lack_of_fit = found
+        .lack_of_fit
+        .iter()
+        .enumerate()
+        .flat_map(|(k, m)| of_lack_of_fit(k, m, &time))
+        .chain(law_figure(found))
+        .chain(front_figure(found));
+    let runs = ordered(subject, &found.outputs).into_iter().enumerate();
+    lack_of_fit.chain(runs.flat_map(|(k, (_, table))| overlays(k, table))).collect()
+}
+
+fn of_lack_of_fit(k: usize, m: &LackOfFit, time: &str) -> Vec<Figure> {
+    [bands(k, m, time), windows(k, m, time), amplitudes(k, m)].into_iter().flatten().collect()
+}
+
+/// A share of the error for each part of something.
+fn shares(id: String, caption: &str, label: String, at: Vec<f64>, values: Vec<f64>) -> Option<Figure> {
+    (values.len() > 1).then(|| {
+        let stems = Mark::between("share", Look::Model, Shape::Stems, vec![0.0; at.len()], values);
+        Figure::new(id, caption, label, at).with(Panel::new("part of the error [%]", 130, vec![stems])).half()
+    })
+}
+
+fn bands(k: usize, m: &LackOfFit, time: &str) -> Option<Figure> {
+    let at = m.bands.iter().map(|b| 0.5 * (b.low + b.high)).collect();
+    let values = m.bands.iter().map(|b| 100.0 * b.share).collect();
+    let unit = unit_of_frequency(time);
+    let mut figure = shares(format!("bands-{}", k + 1), "in which band", format!("frequency [{unit}]"), at, values)?;
+    figure.logarithmic = true;
+    Some(figure)
+}
+
+fn windows(k: usize, m: &LackOfFit, time: &str) -> Option<Figure> {
+    let first = &m.windows.first()?.run;
+    let own = || m.windows.iter().filter(|w| w.run == *first);
+    let at = own().map(|w| 0.5 * (w.from + w.to)).collect();
+    let values = own().map(|w| 100.0 * w.share).collect();
+    shares(format!("windows-{}", k + 1), &format!("when, in {first}"), format!("time [{time}]"), at, values)
+}
+
+fn amplitudes(k: usize, m: &LackOfFit) -> Option<Figure> {
+    let signal = &m.amplitudes.first()?.signal;
+    let own = || m.amplitudes.iter().filter(|b| b.signal == *signal);
+    let at = own().map(|b| 0.5 * (b.from + b.to)).collect();
+    let values = own().map(|b| b.rms).collect();
+    let label = format!("size of {signal}");
+    let mut figure = shares(format!("amplitudes-{}", k + 1), "at which amplitude", label, at, values)?;
+    figure.panels[0].label = format!("RMS{}", bracketed(m.unit.as_deref()));
+    figure.panels[0].marks[0].name = "RMS of the error".into();
+    Some(figure)
+}
+
+/// Each cause with its parameters, what it gains, and its alternatives.
+fn causes(found: &DiagnosisDocument) -> Section {
+    let parts = found
+        .causes
+        .iter()
+        .enumerate()
+        .flat_map(|(k, c)| [Part::Heading(format!("{}. {}: {}", k + 1, c.place, c.doc)), Part::List(cause(c))]);
+    Section::new("causes", "Causes").with_all(parts)
+}
+
+fn cause(c: &Cause) -> Vec<String> {
+    let mut list: Vec<String> = Vec::new();
+    for p in &c.parameters {
+        let unit = p.unit.as_ref().map_or(String::new(), |u| format!(" {u}"));
+        let error = p.standard_error.map_or(String::new(), |e| format!(" +- {}", digits(e, 2)));
+        list.push(format!("{} = {}{error}{unit}", p.name, digits(p.value, 5)));
+    }
+    let validated = c.gain_validation.map_or(String::new(), |g| format!(", {g:.1} on the validation runs"));
+    list.push(format!("gain in log-likelihood {:.1}{validated}; p {}", c.gain_training, chance(c.p)));
+    let others = c.group.iter().skip(1).map(|r| format!("{} (score {:.1} to {:.1})", r.place, r.score, c.score));
+    let others: Vec<String> = others.collect();
+    if !others.is_empty() {
+        list.push(format!("these records cannot tell it from {}", others.join(", ")));
+    }
+    list.extend(c.separating_experiment.iter().map(|experiment| format!("to tell apart {experiment}")));
+    list
+}
+
+/// The candidates that came nearest, where none was accepted.
+fn nearest(found: &DiagnosisDocument) -> Option<Section> {
+    let search = found.searches.first().filter(|_| found.causes.is_empty())?;
+    let mut table = Rows::over(search.ranking.iter().take(NEAREST));
+    table.name("nearest candidates", |s| s.place.clone());
+    table.number("promised gain", |s| format!("{:.1}", s.gain));
+    table.number("chance by itself", |s| chance(s.chance));
+    Some(Section::new("nearest", "What came nearest").with(table))
+}
+
+/// The best models by number of effects, by what their texts do when they are simulated.
+fn front(found: &DiagnosisDocument) -> Option<Section> {
+    let front = &found.front;
+    let outputs = &front.first().filter(|_| front.len() > 1)?.outputs;
+    let validated = front.iter().any(|m| m.error_validation.is_some());
+    let percent = |v: Option<f64>| match v.filter(|v| v.is_finite()) {
+        Some(v) => format!("{:.1} %", 100.0 * v),
+        None => "-".into(),
+    };
+    let number = |v: Option<f64>| v.map_or("-".to_string(), |v| digits(v, 3));
+    let mut table = Rows::over(front);
+    table.name("best models by size", named);
+    table.number("parameters", |m| format!("+{}", m.parameters));
+    table.number("error, fitted", |m| percent(Some(m.error_training)));
+    if validated {
+        table.number("validation", |m| percent(m.error_validation));
+    } else if front.iter().any(|m| m.error_cross_validated.is_some()) {
+        let hint = "each run by a fit to the others; of a single run its last third";
+        table.number("predicted", |m| percent(m.error_cross_validated)).hint(hint);
+    }
+    for (k, output) in outputs.iter().enumerate() {
+        let unit = bracketed(output.unit.as_deref());
+        let only_on_page = outputs.len() > OUTPUTS;
+        let title =
+            if only_on_page { format!("RMS {}{unit}", output.output) } else { format!("RMS {}", output.output) };
+        let column = table.number(&title, |m| m.outputs.get(k).map_or("-".into(), |o| number(o.rms_training)));
+        if only_on_page {
+            column.on_page();
+        }
+        if validated {
+            let column =
+                table.number("validation", |m| m.outputs.get(k).map_or("-".into(), |o| number(o.rms_validation)));
+            if only_on_page {
+                column.on_page();
+            }
+        }
+    }
+    table.sentence("", |m| match m.recommended {
+        true => "recommended".into(),
+        false => m.objection.clone().unwrap_or_default(),
+    });
+    let note = "Each model as it is written: fitted once more by plain output error, and simulated. Errors are parts of that of the model \
+                as it was given, the mean over outputs.";
+    let section = Section::new("best-models", "Best models by size").explained(note);
+    Some(section.with_all(front_figure(found)).with(table))
+}
+
+/// The effects of a model of the front.
+fn named(model: &&FrontModel) -> String {
+    match model.effects.is_empty() {
+        true => "as given".into(),
+        false => model.effects.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "),
+    }
+}
+
+/// Errors over the number of effects.
+fn front_figure(found: &DiagnosisDocument) -> Option<Figure> {
+    let front = &found.front;
+    let of = |error: fn(&FrontModel) -> f64| front.iter().map(|m| 100.0 * error(m)).collect::<Vec<f64>>();
+    let mut marks =
+        vec![Mark::between("fitted runs", Look::Residual, Shape::Dots, Vec::new(), of(|m| m.error_training))];
+    if front.iter().any(|m| m.error_validation.is_some()) {
+        let values = of(|m| m.error_validation.unwrap_or(f64::NAN));
+        marks.push(Mark::between("validation runs", Look::Model, Shape::Dots, Vec::new(), values));
+    } else if front.iter().any(|m| m.error_cross_validated.is_some()) {
+        let values = of(|m| m.error_cross_validated.unwrap_or(f64::NAN));
+        marks.push(Mark::between("predicted", Look::Model, Shape::Dots, Vec::new(), values));
+    }
+    (front.len() > 1).then(|| {
+        Figure::new(
+            "front",
+            "error of the written model",
+            "number of effects",
+            (0..front.len()).map(|k| k as f64).collect(),
+        )
+        .with(Panel::new("part of the error [%]", 150, marks).logarithmic())
+        .named(front.iter().map(|m| m.effects.len().to_string()).collect())
+        .half()
+    })
+}
+
+/// Equations and text, what goes and what comes.
+fn change(subject: &Subject) -> Option<Section> {
+    let (source, tree) = subject.extended.as_ref()?;
+    let before = subject.tree.as_ref().map_or(Vec::new(), |tree| lines(tree, &subject.source));
+    let after = lines(tree, source);
+    let sets = |lines: &[Line]| lines.iter().map(|l| l.set.clone()).collect::<Vec<String>>();
+    let operations = capture_diff_slices(similar::Algorithm::Myers, &sets(&before), &sets(&after));
+    let diff = TextDiff::from_lines(subject.source.text(), source.text());
+    let content = html! {
+        p.note { "Green is new, red is what it replaces." }
+        div.equations { @for operation in &operations { (changed(operation, &before, &after)) } }
+        details open {
+            summary { "the model's text" }
+            pre.text {
+                @for part in diff.iter_all_changes() {
+                    @match part.tag() {
+                        ChangeTag::Equal => (part.value()),
+                        ChangeTag::Insert => ins { (part.value()) },
+                        ChangeTag::Delete => del { (part.value()) },
+                    }
+                }
+            }
+        }
+    };
+    Some(Section::drawn("change", "The model, and what changes", content))
+}
+
+fn changed(operation: &DiffOp, before: &[Line], after: &[Line]) -> Markup {
+    let (tag, old, new) = operation.as_tag_tuple();
+    html! {
+        @if tag == similar::DiffTag::Equal {
+            @for line in &after[new] { (set(line, "")) }
+        } @else {
+            @for line in &before[old] { (set(line, "removed")) }
+            @for line in &after[new] { (set(line, "added")) }
+        }
+    }
+}
+
+/// How outputs are matched before and after, and what each run gains.
+fn gained(found: &DiagnosisDocument) -> Section {
+    let role = |validation: bool| if validation { "validation" } else { "training" };
+    let number = |v: Option<f64>| v.map_or("-".to_string(), |v| digits(v, 3));
+    let mut table = Rows::over(&found.outputs);
+    table.words("", |o| role(o.validation));
+    table.words("run", |o| o.run.clone());
+    table.name("output", |o| o.output.clone());
+    table.number("RMS before", |o| number(o.rms_before));
+    table.number("after", |o| number(o.rms_after));
+    table.number("noise", |o| digits(o.noise_level, 3));
+    table.words("unit", |o| o.unit.clone().unwrap_or_default()).on_page();
+    table.number("TIC before", |o| fixed(o.tic_before, 4));
+    table.number("after", |o| fixed(o.tic_after, 4));
+    table.number("R^2 before", |o| fixed(o.r2_before, 4));
+    table.number("after", |o| fixed(o.r2_after, 4));
+    let gains = found.gains.iter().map(|g| {
+        format!("{} ({}): log-likelihood gains {:.1} +- {:.1}", g.run, role(g.validation), g.gain, g.deviation)
+    });
+    Section::new("gain", "Before and after").with(table).lines(gains)
+}
+
+/// Validation runs stand first.
+fn ordered<'a>(subject: &'a Subject, outputs: &[OutputGain]) -> Vec<(String, &'a Columns)> {
+    let is_validation = |run: &str| outputs.iter().any(|o| o.run == run && o.validation);
+    let mut runs: Vec<_> = subject.runs.iter().map(|(run, table)| (is_validation(run), run, table)).collect();
+    runs.sort_by_key(|(validation, ..)| !validation);
+    let titled = |(validation, run, table): (bool, &'a String, &'a Columns)| {
+        (if validation { format!("{run} (validation)") } else { run.clone() }, table)
+    };
+    runs.into_iter().map(titled).collect()
+}
+
+fn overlays(k: usize, table: &Columns) -> Vec<Figure> {
+    let Some(time) = table.columns.first() else { return Vec::new() };
+    let outputs: Vec<&Column> =
+        table.columns.iter().filter(|c| table.column(&format!("{}_before", c.name)).is_some()).collect();
+    outputs.iter().enumerate().map(|(o, output)| overlay(k, o, table, time, output)).collect()
+}
+
+fn overlay(k: usize, o: usize, table: &Columns, time: &Column, output: &Column) -> Figure {
+    let other = |kind: &str| table.column(&format!("{}_{kind}", output.name)).map_or(&[][..], |c| &c.values);
+    let (before, after) = (other("before"), other("after"));
+    let left = |model: &[f64]| output.values.iter().zip(model).map(|(z, y)| z - y).collect::<Vec<f64>>();
+    let (rest_before, rest_after) = (left(before), left(after));
+    let kept = Kept::new(&[&output.values, before, after, &rest_before, &rest_after], POINTS);
+    let pick = |values: &[f64]| kept.pick(values);
+    let unit = bracketed(output.unit.as_deref());
+    let marks = vec![
+        Mark::line("measured", Look::Measured, pick(&output.values)),
+        Mark::line("before", Look::Residual, pick(before)),
+        Mark::line("after", Look::Model, pick(after)),
+    ];
+    let rests = vec![
+        Mark::line("residual before", Look::Residual, pick(&rest_before)),
+        Mark::line("residual after", Look::Model, pick(&rest_after)),
+    ];
+    Figure::new(
+        format!("overlay-{}-{}", k + 1, o + 1),
+        output.name.clone(),
+        format!("time{}", bracketed(time.unit.as_deref())),
+        pick(&time.values),
+    )
+    .in_group(format!("overlays-{k}"))
+    .with(Panel::new(format!("{}{unit}", output.name), 210, marks))
+    .with(Panel::new(format!("residual{unit}"), 110, rests))
+    .thinned(kept.samples())
+}
+
+/// Parameters that the missing effects had moved.
+fn moved(found: &DiagnosisDocument) -> Option<Section> {
+    let far = found.biased_parameters.iter().filter(|b| b.moved.is_some_and(|m| m.abs() >= MOVED));
+    let far: Vec<&Biased> = far.collect();
+    let any = !far.is_empty();
+    let error = |e: Option<f64>| e.map_or(String::new(), |e| format!("+- {}", digits(e, 2)));
+    let mut table = Rows::over(far);
+    table.name("what the missing effect had moved", |b| with_run(&b.name, b.run.as_deref()));
+    table.number("before", |b| digits(b.before, 5));
+    table.number("", |b| error(b.before_error));
+    table.number("after", |b| digits(b.after, 5));
+    table.number("", |b| error(b.after_error));
+    table.words("unit", |b| b.unit.clone().unwrap_or_default()).on_page();
+    table.number("moved by", |b| format!("{:.1} standard errors", b.moved.unwrap_or_default()));
+    any.then(|| Section::new("moved", "What the missing effect had moved").with(table))
+}
+
+/// What was fitted and not accepted.
+fn rejected(found: &DiagnosisDocument) -> Option<Section> {
+    let rejected = &found.rejected;
+    let mut table = Rows::over(rejected);
+    table.name("not accepted", |r| r.place.clone());
+    table.number("step", |r| r.step);
+    table.number("gain", |r| format!("{:.1}", r.gain_training));
+    table.number("validation", |r| r.gain_validation.map_or("-".into(), |g| format!("{g:.1}")));
+    table.sentence("because", |r| r.reason.clone());
+    let summary = format!("{} fits, and why they were not accepted", rejected.len());
+    let folded = Part::Folded { summary, open: rejected.len() <= FEW, class: "", parts: vec![table.into()] };
+    (!rejected.is_empty()).then(|| Section::new("rejected", "What was fitted and not accepted").with(folded))
+}
+
+/// How small effects could have been.
+fn detectable(found: &DiagnosisDocument) -> Section {
+    let (seen, hidden): (Vec<&Detectable>, Vec<&Detectable>) =
+        found.detectable.iter().partition(|d| d.smallest.is_some());
+    let more = seen.len().saturating_sub(FEW);
+    let mut table = Rows::over(seen.into_iter().take(FEW));
+    table.name("would have been seen", |d| d.place.clone());
+    table.words("from", |d| d.smallest.map_or(String::new(), |v| format!("{} = {}", d.parameter, digits(v, 3))));
+    table.words("", |d| d.unit.clone().unwrap_or_default());
+    let hidden: Vec<String> = hidden.iter().map(|d| d.place.to_string()).collect();
+    let hidden = (!hidden.is_empty())
+        .then(|| format!("could not be seen, because the fitted parameters make up for it: {}", hidden.join(", ")));
+    let more = (more > 0).then(|| format!("and {more} more (--json)"));
+    let parts = std::iter::once(table.into()).chain(more.into_iter().chain(hidden).map(Part::Line)).collect();
+    let summary = "the smallest size that four of five records like these would show";
+    Section::new("detectable", "What would have been seen").with(Part::folded(summary, parts))
+}
+
+/// What the records hide, why the search ended, and what was assumed.
+fn ended(found: &DiagnosisDocument) -> Section {
+    let band = found.band.map(|(low, high)| {
+        let (low, high) = (digits(low, 3), digits(high, 3));
+        format!("In the frequency domain, from {low} to {high} cycles per unit of time.")
+    });
+    let left_out = found.left_out.len();
+    let left_out = (left_out > 0)
+        .then(|| format!("{left_out} candidates could not be tried (--json lists them with the reasons)."));
+    let said = std::iter::once(format!("The search ended: {}.", found.ended));
+    Section::new("search", "The search")
+        .with_all(feedback(found))
+        .with(Part::Gap)
+        .lines(said.chain(band).chain(found.notes.iter().cloned()).chain(left_out))
+}
+
+/// Inputs that move with the states, and what that hides.
+fn feedback(found: &DiagnosisDocument) -> Vec<Part> {
+    let Some(feedback) = &found.feedback else { return Vec::new() };
+    let inputs = feedback.inputs.iter().map(|input| {
+        let (name, own) = (&input.input, 100.0 * (1.0 - input.explained));
+        match input.feedback {
+            true => format!("{name} follows the states, as under a controller or a pilot: {own:.0} % of it is its own"),
+            false => format!("{name} moves with the states: {own:.0} % of it is its own"),
+        }
+    });
+    let hidden: Vec<String> = feedback.hidden.iter().take(FEW).map(ToString::to_string).collect();
+    let more = feedback.hidden.len() - hidden.len();
+    let more = if more > 0 { format!(" and {more} more (--json)") } else { String::new() };
+    let hides = match hidden.is_empty() {
+        true => "nothing that was tried is hidden by that".into(),
+        false => format!(
+            "what these records hide, as the fitted parameters make up for nearly all of it: {}{more}; inputs that do not \
+             move with the states would show it",
+            hidden.join(", ")
+        ),
+    };
+    std::iter::once(Part::Gap).chain(inputs.chain([hides]).map(Part::Line)).collect()
+}
