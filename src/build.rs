@@ -13,9 +13,10 @@ const DISCARDED: &str =
 fn main() {
     println!("cargo::rerun-if-changed=src/build.rs");
     let of = |name: &str| env::var(name).unwrap_or_default();
-    // elsewhere the linker is the system's, which may not know these options; other profiles unwind
+    // elsewhere, or where the user has chosen one, the linker may not know these options; other profiles unwind
     let target = of("TARGET");
-    if of("PROFILE") != "release" || target != "x86_64-unknown-linux-gnu" || !has_lld(&target) {
+    let chosen = env::var_os("RUSTC_LINKER").is_some() || of("CARGO_ENCODED_RUSTFLAGS").contains("link");
+    if of("PROFILE") != "release" || target != "x86_64-unknown-linux-gnu" || chosen || !has_lld(&target) {
         return;
     }
     let script = PathBuf::from(of("OUT_DIR")).join("discarded.ld");

@@ -24,7 +24,7 @@ pub(crate) fn far_delays(
         Slot::Output(output) => Some((*slot, far_delay(evidence, output, accepted, current)?)),
         _ => None,
     };
-    parallel::map(slots.iter(), one).into_iter().flatten().collect()
+    parallel::filter_map(slots.iter(), one)
 }
 
 /// The lag in samples at which the record of an output (by index) is most like what the model makes of the other outputs; none where it is

@@ -276,9 +276,8 @@ fn examine_again(search: &Search<'_>, accepted: &mut Vec<Accepted>, current: &mu
             let trial = search.trial(&edits_with(accepted_edits, k, &near.hypothesis), &without)?;
             Some(Judged { log_odds: gain(near.hypothesis.fault, &trial, &without) + near.prior, trial, ..near.clone() })
         };
-        let likelier = parallel::map(accepted[k].near.iter(), again)
+        let likelier = parallel::filter_map(accepted[k].near.iter(), again)
             .into_iter()
-            .flatten()
             .max_by(|a, b| a.log_odds.total_cmp(&b.log_odds));
         if let Some(better) = likelier.filter(|j| j.log_odds > accepted[k].judged.log_odds + 1.0) {
             *current = better.trial.clone();
@@ -328,7 +327,7 @@ fn round(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> (Vec<Judged
         let prior = hypothesis.weight.ln() - whole;
         Some(Judged { log_odds: trial.gain_over(current) + prior, hypothesis, prior, trial })
     };
-    let mut all: Vec<Judged> = parallel::map(tried, judge).into_iter().flatten().collect();
+    let mut all: Vec<Judged> = parallel::filter_map(tried, judge);
     let far: Vec<(Slot, i64)> =
         if search.timed { far_delays(search.evidence, &slots, accepted, current) } else { Vec::new() };
     if (search.options.estimated || !far.is_empty()) && search.evidence.work.goes_on() {
@@ -471,7 +470,7 @@ fn estimated(
         let hypothesis = Hypothesis { fault, slots: vec![slot], edits: vec![edit(slot, fault, value)], what, weight };
         Some(Judged { log_odds: gain(fault, &trial, current) + prior, hypothesis, prior, trial })
     };
-    let mut found: Vec<Judged> = parallel::map(wanted.iter(), |w| judge(w, &abouts)).into_iter().flatten().collect();
+    let mut found: Vec<Judged> = parallel::filter_map(wanted.iter(), |w| judge(w, &abouts));
     // a fault leads the fit astray, and what is nearly the same fault leads back: all once more about the likeliest
     let likeliest =
         found.iter().max_by(|a, b| a.log_odds.total_cmp(&b.log_odds)).filter(|j| j.trial.estimate.is_some());
@@ -481,8 +480,7 @@ fn estimated(
         let known = |(slot, fault, _): &&(Slot, Fault, f64)| {
             found.iter().all(|j| j.hypothesis.fault != *fault || j.hypothesis.slots != [*slot])
         };
-        let again: Vec<Judged> =
-            parallel::map(wanted.iter().filter(known), |w| judge(w, &about)).into_iter().flatten().collect();
+        let again: Vec<Judged> = parallel::filter_map(wanted.iter().filter(known), |w| judge(w, &about));
         found.extend(again);
     }
     // two fits at least for each
@@ -587,7 +585,7 @@ fn shifts_of_zero(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> Ve
         let hypothesis = Hypothesis { fault: Fault::ZeroShift, slots: vec![slot], edits, what, weight: 0.5 };
         Some(Judged { log_odds: trial.cautious_gain_over(current) + prior, hypothesis, prior, trial })
     };
-    parallel::map(0..q, judge).into_iter().flatten().collect()
+    parallel::filter_map(0..q, judge)
 }
 
 /// Samples on each side of a jump.

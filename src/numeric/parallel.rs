@@ -14,6 +14,11 @@ pub fn map<A: Send, B: Send>(items: impl IntoIterator<Item = A>, of: impl Fn(A) 
     places.into_iter().filter_map(|place| place.into_inner().unwrap_or_else(PoisonError::into_inner).1).collect()
 }
 
+/// What becomes of each item that something becomes of, in their order.
+pub fn filter_map<A: Send, B: Send>(items: impl IntoIterator<Item = A>, of: impl Fn(A) -> Option<B> + Sync) -> Vec<B> {
+    map(items, of).into_iter().flatten().collect()
+}
+
 /// Does something with each item.
 pub fn each<A: Send>(items: impl IntoIterator<Item = A>, act: impl Fn(A) + Sync) {
     map(items, act);

@@ -96,7 +96,7 @@ fn probes(model: &Model, fitted_runs: &[FittedRun<'_>], binned_runs: &[BinnedRun
             let bins: Vec<DMatrix<f64>> = binned_runs.iter().zip(&courses).map(|(s, c)| rung(mode, s, c)).collect();
             probe(Partner::Mode(name.clone()), band, &bins)
         };
-        probes.extend(parallel::map(modes.iter(), of_mode).into_iter().flatten());
+        probes.extend(parallel::filter_map(modes.iter(), of_mode));
     }
     probes
 }

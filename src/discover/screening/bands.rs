@@ -70,7 +70,7 @@ impl Bands {
             let high = edges.get(band + 1).copied().unwrap_or(f64::INFINITY);
             Band::of(shared, (channel, reference), edges[band]..high, &shape[channel])
         };
-        let list = parallel::map(places, one).into_iter().flatten().collect();
+        let list = parallel::filter_map(places, one);
         Self { list, channels: shared.channels, narrow: !peaks.is_empty() }
     }
 }

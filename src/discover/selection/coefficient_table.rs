@@ -159,7 +159,7 @@ impl FrontProblem<'_> {
             let fit = split_fit_within(&line.model, self.runs, self.noise, TRIAL).ok()?;
             Some(Trial { pair, gain: own - fit.fitting.cost, line, theta: fit.theta })
         };
-        let mut trials: Vec<Trial> = parallel::map(pairs, trial).into_iter().flatten().collect();
+        let mut trials: Vec<Trial> = parallel::filter_map(pairs, trial);
         trials.sort_by(|a, b| b.gain.total_cmp(&a.gain));
         let (count, most) = (trials.len() as f64, trials.first()?.gain);
         let chance =

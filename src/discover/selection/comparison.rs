@@ -97,7 +97,7 @@ impl ForwardStep<'_> {
         chosen.extend(unlikely.map(|u| u.candidate).filter(|t| !chosen.contains(t)));
         work.stage(&format!("fitting the best {} of {} candidates", chosen.len(), self.simulated.len()));
         let fitted = |t: &usize| self.may_go_on().ok().and_then(|()| self.candidate(*t, &projection, &noise, &base));
-        let mut models: Vec<CandidateModel> = parallel::map(chosen.iter(), fitted).into_iter().flatten().collect();
+        let mut models: Vec<CandidateModel> = parallel::filter_map(chosen.iter(), fitted);
         self.may_go_on()?;
         sort(&mut models);
         let leaders = models.len().min(LEADERS);
@@ -105,7 +105,7 @@ impl ForwardStep<'_> {
         self.may_go_on()?;
         sort(&mut models);
         let mut alike: Vec<CandidateModel> =
-            parallel::map(self.alike(&models, &ranked, &projection).iter(), fitted).into_iter().flatten().collect();
+            parallel::filter_map(self.alike(&models, &ranked, &projection).iter(), fitted);
         parallel::each(alike.iter_mut(), |c| c.finish(self, &noise, &base));
         models.extend(alike);
         drop(projection);
@@ -163,8 +163,7 @@ impl ForwardStep<'_> {
             let left: Vec<Vec<f64>> = self.left_by(&c.predictors, &answers);
             Some((c.penalty(), projection.explained(&left.iter().map(Vec::as_slice).collect::<Vec<_>>())))
         };
-        let good: Vec<(f64, Vec<f64>)> =
-            parallel::map(models.iter().filter(|c| c.gain > least), added).into_iter().flatten().collect();
+        let good: Vec<(f64, Vec<f64>)> = parallel::filter_map(models.iter().filter(|c| c.gain > least), added);
         let fitted = |t: &usize| models.iter().any(|c| c.candidate == *t);
         let others: Vec<usize> = ranked.iter().map(|(_, t)| *t).filter(|t| !fitted(t)).take(AMONG).collect();
         let is_alike = |t: &usize| {

@@ -90,7 +90,7 @@ pub(super) fn eliminate(
             let lost = split_fit(&smaller, runs, noise).ok()?.cost() - fit.cost();
             Some((k, lost, smaller, params))
         };
-        let tried: Vec<_> = parallel::map(0..accepted.len(), without).into_iter().flatten().collect();
+        let tried: Vec<_> = parallel::filter_map(0..accepted.len(), without);
         let left = |(k, lost): (usize, f64)| lost - accepted[k].penalty();
         let weakest = tried.into_iter().min_by(|a, b| left((a.0, a.1)).total_cmp(&left((b.0, b.1))));
         let Some((k, lost, smaller, params)) = weakest.filter(|w| left((w.0, w.1)) < 0.0) else { break };
@@ -205,7 +205,7 @@ pub(super) fn revise(
         // what is in the model already is no alternative
         let there = |near: &&(Candidate, Choice)| accepted.iter().any(|a| a.cause.place == place(&near.0));
         let near = accepted[k].near.iter().filter(|near| !there(near));
-        let mut tried: Vec<Tried> = parallel::map(near, try_instead).into_iter().flatten().collect();
+        let mut tried: Vec<Tried> = parallel::filter_map(near, try_instead);
         tried.sort_by(|a, b| b.score.total_cmp(&a.score));
         let best = tried.first().map_or(own, |t| t.score.max(own));
         let alternative = |place: EffectAt, score: f64, gain: f64| {

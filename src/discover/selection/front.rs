@@ -419,7 +419,7 @@ impl FrontProblem<'_> {
             accepted.remove(*k);
             self.rebuilt_with(level, accepted)
         };
-        let mut found: Vec<_> = parallel::map(tried.iter(), without).into_iter().flatten().collect();
+        let mut found: Vec<_> = parallel::filter_map(tried.iter(), without);
         found.sort_by(|a, b| a.2.cost().total_cmp(&b.2.cost()));
         // a plain fit of a model that lacks what matters most may wander for long
         let mut best: Option<Level> = None;

@@ -144,7 +144,7 @@ impl ForwardSelection<'_> {
         let fit = &can.alone[..];
         let sets = step.sets(comparison, &can.beginnings(), fit.first().into_iter().chain(others).copied().collect());
         let total = |set: &EffectSet| Some((set.model, self.total(step, comparison, (set, can))?));
-        let totals: Vec<(usize, f64)> = parallel::map(sets.iter(), total).into_iter().flatten().collect();
+        let totals: Vec<(usize, f64)> = parallel::filter_map(sets.iter(), total);
         let alone = |k: usize| {
             if can.in_sets.contains(&k) {
                 return f64::INFINITY;
@@ -245,8 +245,7 @@ impl ForwardStep<'_> {
             let (size, product) = (dot(&added, &added), dot(&added, &left));
             Some(Beginning { model: *k, own, left, added, size, product })
         };
-        let beginnings: Vec<Beginning<'_>> =
-            parallel::map(beginnings.iter(), beginning).into_iter().flatten().collect();
+        let beginnings: Vec<Beginning<'_>> = parallel::filter_map(beginnings.iter(), beginning);
         let direction = |d: usize| -> Vec<f64> { self.with_direction(d, |parts| projection.added(parts).direction) };
         // what it predicts alone, and beside each beginning
         let scored = |d: usize| -> (f64, Vec<Option<Partner>>) {

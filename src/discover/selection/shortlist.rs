@@ -45,7 +45,7 @@ impl ForwardStep<'_> {
             ranked.truncate(GLANCED);
             let glance =
                 |(_, t): &(f64, usize)| Some((self.glance(*t, projection, noise, base)? - self.penalty(*t), *t));
-            ranked = parallel::map(ranked.iter(), glance).into_iter().flatten().collect();
+            ranked = parallel::filter_map(ranked.iter(), glance);
             sort(&mut ranked);
         }
         chosen.extend(ranked.into_iter().take(BEST).map(|(_, t)| t));
@@ -115,8 +115,7 @@ impl ForwardStep<'_> {
             let without = self.with_direction(best.direction, less);
             Some((self.likelihood(&without) - likelihood - self.penalty(*t), *t))
         };
-        let all: Vec<(f64, usize)> =
-            parallel::map(ranked[..ranked.len().min(ASKED)].iter(), gained).into_iter().flatten().collect();
+        let all: Vec<(f64, usize)> = parallel::filter_map(ranked[..ranked.len().min(ASKED)].iter(), gained);
         let (nats, candidate) = all.into_iter().max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)))?;
         Some(UnlikelyNoise { candidate, nats, chance: (self.simulated.len() as f64 * (-nats).exp()).min(1.0) })
     }
