@@ -5,7 +5,7 @@ use crate::delays::{DelayError, with_free_delays};
 use crate::failure::Failure;
 use crate::session::{Origin, Record, Session, Source};
 use crate::telling::remark;
-use crate::value::{map_file, number, pair};
+use crate::value::{instant, map_file, pair};
 use clap::Args;
 use fdm_doctor::{AloneOptions, Finding, examine_alone, examine_repeats, leading};
 use fdm_readers::RecordMap;
@@ -141,13 +141,13 @@ pub struct Selection {
     #[arg(long, requires = "recorded", hide_short_help = true)]
     pub(crate) salvage: bool,
     /// Use the record from this time on, in the file's unit
-    #[arg(long, value_parser = number, value_name = "TIME", allow_negative_numbers = true, requires = "recorded")]
+    #[arg(long, value_parser = instant, value_name = "TIME", allow_negative_numbers = true, requires = "recorded")]
     from: Option<f64>,
     /// Use the record up to this time, in the file's unit
-    #[arg(long, value_parser = number, value_name = "TIME", allow_negative_numbers = true, requires = "recorded")]
+    #[arg(long, value_parser = instant, value_name = "TIME", allow_negative_numbers = true, requires = "recorded")]
     to: Option<f64>,
     /// Where the run begins: the instant that is the model's time 0, at the first sample or before, in the file's unit [default: the first sample]
-    #[arg(long, value_parser = number, value_name = "TIME", allow_negative_numbers = true, requires = "recorded", hide_short_help = true)]
+    #[arg(long, value_parser = instant, value_name = "TIME", allow_negative_numbers = true, requires = "recorded", hide_short_help = true)]
     begin: Option<f64>,
     /// Use every N-th sample
     #[arg(

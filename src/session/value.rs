@@ -23,6 +23,12 @@ pub fn number(text: &str) -> Result<f64, String> {
     held(text).map_err(|unheld| format!("`{text}` {unheld}: {}", unheld.hint()))
 }
 
+/// An instant as it is typed.
+pub(crate) fn instant(text: &str) -> Result<f64, String> {
+    let value = number(text)?;
+    if value.is_nan() { Err(format!("`{text}` is no time: write a number such as 0 or 2.5")) } else { Ok(value) }
+}
+
 /// A number above 0 as it is typed.
 pub(crate) fn positive(text: &str) -> Result<f64, String> {
     let value = number(text)?;
