@@ -9,6 +9,21 @@ pub fn normal_cdf(z: f64) -> f64 {
     Normal::standard().cdf(z)
 }
 
+/// Logarithm of the probability of a standard normal deviate below `z`, also where that is no number: there by the first terms of Mills'
+/// ratio (Abramowitz & Stegun 1964, 26.2.12), right to 1e-9.
+pub fn log_normal_cdf(z: f64) -> f64 {
+    if z > -30.0 {
+        return normal_cdf(z).ln();
+    }
+    let s = 1.0 / (z * z);
+    -0.5 * z * z - (-z * (2.0 * std::f64::consts::PI).sqrt()).ln() + (1.0 - s + 3.0 * s * s - 15.0 * s.powi(3)).ln()
+}
+
+/// Logarithm of the gamma function.
+pub fn log_gamma(x: f64) -> f64 {
+    statrs::function::gamma::ln_gamma(x)
+}
+
 /// Probability of a standard normal deviate above `z`, accurate where it is small.
 pub fn normal_tail(z: f64) -> f64 {
     Normal::standard().sf(z)

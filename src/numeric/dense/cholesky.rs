@@ -55,18 +55,29 @@ impl Cholesky {
         )
     }
 
-    /// Replaces b by the solution of U'U x = b.
-    pub fn solve(&self, x: &mut [f64]) {
+    /// Replaces b by the solution of U'x = b.
+    pub fn forward(&self, x: &mut [f64]) {
         let n = self.size;
         for i in 0..n {
             let sum: f64 = (0..i).map(|k| self.upper[k * n + i] * x[k]).sum();
             x[i] = (x[i] - sum) / self.upper[i * n + i];
         }
+    }
+
+    /// Replaces b by the solution of U'U x = b.
+    pub fn solve(&self, x: &mut [f64]) {
+        let n = self.size;
+        self.forward(x);
         for i in (0..n).rev() {
             let row = &self.upper[i * n..][..n];
             let sum: f64 = row[i + 1..].iter().zip(&x[i + 1..]).map(|(u, x)| u * x).sum();
             x[i] = (x[i] - sum) / row[i];
         }
+    }
+
+    /// Half the logarithm of the determinant of the matrix.
+    pub fn log_root(&self) -> f64 {
+        (0..self.size).map(|i| self.upper[i * self.size + i].ln()).sum()
     }
 
     /// Writes the inverse (n by n) to `inverse`: its lower triangle is found by columns, the upper one copied.
