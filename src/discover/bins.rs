@@ -83,6 +83,11 @@ impl MeasuredRows {
         self.interval.map(|interval| (&*self.list, interval))
     }
 
+    /// Where directions hold these samples.
+    pub(super) fn places(rows: Option<&Self>, samples: &[usize]) -> Vec<usize> {
+        samples.iter().map(|k| rows.map_or(*k, |rows| rows.place(*k))).collect()
+    }
+
     /// The place of a row among them.
     fn place(&self, row: usize) -> usize {
         self.list.partition_point(|own| *own < row)
@@ -117,7 +122,7 @@ impl Record {
 
     /// Where directions hold these samples.
     fn places(&self, samples: &[usize]) -> Vec<usize> {
-        samples.iter().map(|k| self.rows.as_ref().map_or(*k, |rows| rows.place(*k))).collect()
+        MeasuredRows::places(self.rows.as_ref(), samples)
     }
 
     /// Leaves the rows at which something was measured, where those of the run are not even: which they are. Directions are not for this.

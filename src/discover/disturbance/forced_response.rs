@@ -13,7 +13,7 @@ const COLUMNS: usize = 64;
 const MOST: usize = 16;
 
 /// A model that disturbances can enter.
-pub(super) struct ForcedResponse {
+pub(crate) struct ForcedResponse {
     model: Model,
     places: usize,
     /// Courses of a disturbance in one simulation.
@@ -25,7 +25,7 @@ pub(super) struct ForcedResponse {
 }
 
 impl ForcedResponse {
-    pub(super) fn new(model: &Model, places: &[Place]) -> Self {
+    pub(crate) fn new(model: &Model, places: &[Place]) -> Self {
         let entries: Vec<Entry> = places.iter().filter_map(Place::entry).collect();
         let signals = (COLUMNS / entries.len().max(1)).clamp(1, MOST);
         let definition = model.definition();
@@ -54,7 +54,7 @@ impl ForcedResponse {
     }
 
     /// The response (N by q) to every course at every place is handed to `take` with the place and the course.
-    pub(super) fn respond(
+    pub(crate) fn respond(
         &self,
         at: usize,
         fitted_run: FittedRun<'_>,

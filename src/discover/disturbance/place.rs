@@ -90,7 +90,7 @@ pub(crate) enum DisturbanceError {
 
 /// Every place of a model where a disturbance may act on its states: inputs (but those whose derivative drives the model as
 /// well), and equations in which something was left to be found.
-pub(super) fn places(model: &Model) -> Vec<Place> {
+pub(crate) fn places(model: &Model) -> Vec<Place> {
     let definition = model.definition();
     let differentiated = |k: usize| definition.inputs.iter().any(|i| i.slope.is_some_and(|s| s.of as usize == k));
     let inputs = definition.inputs.iter().enumerate().filter(|(k, i)| i.is_declared() && !differentiated(*k));

@@ -31,6 +31,7 @@ mod forward_selection;
 mod forward_step;
 mod free_motion;
 mod front;
+mod infer;
 mod initial_fit;
 mod law_curve;
 mod look_ahead;

@@ -50,15 +50,22 @@ pub(super) struct Question<'a> {
     pub(super) noise: &'a [NoisePrior],
     /// Precision of each shared unknown about zero before anything is seen (q); 0 where the prior is flat.
     pub(super) precision: &'a [f64],
+    /// That of each unknown of every run; of those behind the list it is 0.
+    pub(super) own: &'a [f64],
 }
 
 impl Question<'_> {
     /// The evidence, begun at these weights (outputs by bands); where there are none the powers of the residual give them. None where the
     /// columns are not finite.
     pub(super) fn answer(&self, weights: Option<&[f64]>) -> Option<Evidence> {
+        self.answer_within(ROUNDS, weights)
+    }
+
+    /// As [`Self::answer`], in so many rounds at most.
+    pub(super) fn answer_within(&self, rounds: usize, weights: Option<&[f64]>) -> Option<Evidence> {
         let mut state = Posterior::new(*self, weights);
         let mut last = f64::NEG_INFINITY;
-        for _ in 0..ROUNDS {
+        for _ in 0..rounds {
             state.solve()?;
             let log = state.evidence();
             if !log.is_finite() {
@@ -205,6 +212,9 @@ impl<'a> Posterior<'a> {
         self.schur.resize(size * size, 0.0);
         for (run, eliminated) in grams.runs().iter().zip(&mut self.runs) {
             weighted(run, &self.noise, &mut self.matrix);
+            for (i, precision) in self.question.own.iter().enumerate() {
+                self.matrix[i * run.width + i] += precision;
+            }
             eliminated.eliminate(run, &self.matrix, &mut self.schur)?;
         }
         self.right.clear();
@@ -228,13 +238,16 @@ impl<'a> Posterior<'a> {
         let grams = self.question.grams;
         let (bands, q) = (grams.bands(), grams.shared());
         let mut powers = vec![0.0; grams.outputs() * bands];
+        let mut log = 0.0;
         for (run, eliminated) in grams.runs().iter().zip(&self.runs) {
             eliminated.second_moments(run, &self.mean, &self.covariance, &mut self.matrix);
             for (power, products) in powers.iter_mut().zip(run.products.chunks_exact(run.width * run.width)) {
                 *power += products.iter().zip(&self.matrix).map(|(a, b)| a * b).sum::<f64>();
             }
+            for (i, precision) in self.question.own.iter().enumerate().filter(|(_, p)| **p > 0.0) {
+                log += 0.5 * ((precision / (2.0 * PI)).ln() - precision * self.matrix[i * run.width + i]);
+            }
         }
-        let mut log = 0.0;
         for (output, (own, noise)) in powers.chunks_exact_mut(bands).zip(&mut self.noise).enumerate() {
             let least = LEAST_POWER * grams.residual_powers(output).iter().sum::<f64>() / bands as f64;
             own.iter_mut().for_each(|power| *power = power.max(least));
@@ -282,7 +295,7 @@ mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
     use super::super::bands::{BandCounts, Bands};
-    use super::super::gram::OutputColumns;
+    use super::super::gram::segments;
     use fdm_numeric::random::Stream;
 
     /// Runs of white noise of deviation 1 with two shared columns and one own (a mean) each: Grams, priors, bins, and all values.
@@ -298,21 +311,20 @@ mod tests {
         let frequency: Vec<f64> = (0..BINS).map(|k| k as f64).collect();
         let counts = BandCounts::of(&bands, (0..runs).flat_map(|_| frequency.iter().copied()));
         let mut stream = Stream::seeded(seed);
-        let mut grams = Grams::new(1, &bands, 2);
+        let mut grams = Grams::new(1, bands.count(), 2);
         for _ in 0..runs {
             let mut drawn = || -> Vec<f64> { (0..BINS).map(|_| stream.normal()).collect() };
             let (noise, a, b) = (drawn(), drawn(), drawn());
             let own: Vec<f64> = (0..BINS).map(|k| if k == 0 { 20.0 } else { 0.0 }).collect();
             let residual: Vec<f64> = (0..BINS).map(|k| noise[k] + amount * a[k] + own[k] * 0.3).collect();
-            let columns: [&[f64]; 4] = [&own, &residual, &a, &b];
-            grams.add(&bands, 1, &[OutputColumns { output: 0, frequency: &frequency, columns: &columns }]);
+            grams.add(1, &segments(&bands, 0, &frequency, 0), &[own, residual, a, b]);
         }
         Case { grams, noise: vec![NoisePrior::new(&counts, BINS)] }
     }
 
     fn asked(case: &Case, columns: &[usize], precision: &[f64]) -> Evidence {
         let grams = case.grams.chosen(columns);
-        Question { grams: &grams, noise: &case.noise, precision }.answer(None).unwrap()
+        Question { grams: &grams, noise: &case.noise, precision, own: &[] }.answer(None).unwrap()
     }
 
     #[test]
@@ -336,14 +348,13 @@ mod tests {
         let mut stream = Stream::seeded(5);
         let mut drawn = || -> Vec<f64> { (0..BINS).map(|_| stream.normal()).collect() };
         let (own, residual, a) = (drawn(), drawn(), drawn());
-        let columns: [&[f64]; 3] = [&own, &residual, &a];
-        let mut arrow = Grams::new(1, &bands, 1);
-        arrow.add(&bands, 1, &[OutputColumns { output: 0, frequency: &frequency, columns: &columns }]);
-        let columns: [&[f64]; 3] = [&residual, &own, &a];
-        let mut whole = Grams::new(1, &bands, 2);
-        whole.add(&bands, 0, &[OutputColumns { output: 0, frequency: &frequency, columns: &columns }]);
-        let one = Question { grams: &arrow, noise: &noise, precision: &[0.0] }.answer(None).unwrap();
-        let two = Question { grams: &whole, noise: &noise, precision: &[0.0, 0.0] }.answer(None).unwrap();
+        let segments = segments(&bands, 0, &frequency, 0);
+        let mut arrow = Grams::new(1, bands.count(), 1);
+        arrow.add(1, &segments, &[own.clone(), residual.clone(), a.clone()]);
+        let mut whole = Grams::new(1, bands.count(), 2);
+        whole.add(0, &segments, &[residual, own, a]);
+        let one = Question { grams: &arrow, noise: &noise, precision: &[0.0], own: &[] }.answer(None).unwrap();
+        let two = Question { grams: &whole, noise: &noise, precision: &[0.0, 0.0], own: &[] }.answer(None).unwrap();
         assert!((one.log - two.log).abs() < 1e-6, "{} {}", one.log, two.log);
         assert!((one.mean[0] - two.mean[1]).abs() < 1e-9 && (one.own[0][0] - two.mean[0]).abs() < 1e-9);
         assert!((one.covariance[0] - two.covariance[3]).abs() < 1e-9 && (one.gain - two.gain).abs() < 1e-6);

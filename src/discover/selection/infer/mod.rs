@@ -8,7 +8,10 @@ mod gram;
 mod noise;
 mod prior;
 mod proposals;
+mod random_effect;
 mod screen;
 mod search;
 mod state;
 mod verdict;
+
+pub(super) use verdict::diagnose;

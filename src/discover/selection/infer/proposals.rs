@@ -128,7 +128,7 @@ impl<'s> Proposals<'s> {
     fn log_prior(&self, spec: &Spec, amounts: &[f64], errors: &[f64]) -> f64 {
         let attached = &self.directions[spec.direction].attached;
         let params = attached.params();
-        let estimated: Vec<bool> = (0..params.len()).map(|k| attached.is_estimated(k)).collect();
+        let estimated: Vec<bool> = (0..params.len()).map(|k| attached.is_estimated(k) && params[k].begins_as.is_none()).collect();
         let kind = odds(&attached.candidate, params, &estimated) - (self.ground.candidates as f64).ln() - spec.tried.ln();
         let amount = |(k, (amount, error)): (usize, (&f64, &f64))| {
             let point = self.point(spec, k);
@@ -194,7 +194,7 @@ impl<'s> Proposals<'s> {
         let mut precision = self.ground.precision(self.state);
         let q = precision.len();
         precision.resize(q + columns.len(), 0.0);
-        let question = Question { grams: &grams, noise: &self.ground.binning.noise, precision: &precision };
+        let question = Question { grams: &grams, noise: &self.ground.binning.noise, precision: &precision, own: &[] };
         let answers = weights.iter().filter_map(|w| question.answer(Some(w)));
         let found = answers.max_by(|a, b| a.log.total_cmp(&b.log))?;
         let stride = q + columns.len();
@@ -210,20 +210,9 @@ impl<'s> Proposals<'s> {
         log.is_finite().then_some(Proposal { specs: specs.to_vec(), log, amounts, weights: found.weights })
     }
 
-    /// Weights of white noise as large as the residuals of each output are.
-    fn plain(&self) -> Vec<f64> {
-        let (grams, binning) = (&self.judged.linear.grams, &self.ground.binning);
-        let of = |output: usize| {
-            let power: f64 = grams.residual_powers(output).iter().sum();
-            let bins: usize = binning.runs.iter().flat_map(|r| &r.segments).filter(|s| s.place / binning.bands == output).map(|s| s.end - s.begin).sum();
-            vec![bins as f64 / power.max(f64::MIN_POSITIVE); binning.bands]
-        };
-        (0..binning.outputs).flat_map(of).collect()
-    }
-
     /// The likeliest sets of specs to first order, singles and (where asked for) pairs, the likeliest first.
     pub(super) fn likeliest(&self, pairs: bool) -> Vec<Proposal> {
-        let plain = self.plain();
+        let plain = self.ground.plain_weights(&self.judged.linear.grams);
         let mut weights = self.judged.evidence.weights.clone();
         let mut pool: BTreeMap<Vec<usize>, Option<Proposal>> = BTreeMap::new();
         for round in 0..ROUNDS {

@@ -13,8 +13,6 @@ const REFITTED: usize = 14;
 const PAIRS: (usize, usize) = (3, 2);
 /// Sets that are asked whether they may be taken.
 const ASKED: usize = 4;
-/// Evidence of the best set over nothing (nats) from which something is there: the evidence of all sets together is higher.
-const SOMETHING: f64 = -1.0;
 /// Odds of 100 : 1, the group.
 const GROUP: f64 = 4.6;
 
@@ -77,9 +75,14 @@ impl Search<'_> {
                 left_out = out;
                 first = sets.iter().map(|(s, j)| (s.clone(), j.log)).collect();
             }
-            let least = if begins { SOMETHING } else { 0.0 };
-            let physical = sets.into_iter().filter(|(s, j)| s.is_physical() && j.log - level > least);
-            let next = physical.take(ASKED).find(|(s, _)| (self.predicts)(s, &best.0));
+            let mut physical: Vec<Found> = sets.into_iter().filter(|(s, _)| s.is_physical()).collect();
+            // something is there where that is likelier than nothing, whatever it is; one more only where it is likelier itself
+            let together: f64 = physical.iter().map(|(_, j)| (j.log - level).exp()).sum();
+            if begins && together < 1.0 {
+                break;
+            }
+            physical.retain(|(_, j)| begins || j.log > level);
+            let next = physical.into_iter().take(ASKED).find(|(s, _)| (self.predicts)(s, &best.0));
             let Some(next) = next else { break };
             best = self.left_out_while_better(next);
         }

@@ -40,6 +40,8 @@ pub(super) struct Ground<'a> {
     pub(super) binning: Binning,
     /// Candidates of the first search: as many places as an effect might have.
     pub(super) candidates: usize,
+    /// Standard deviation of what was measured of each output.
+    pub(super) deviations: Vec<f64>,
     pub(super) work: &'a Work<'a>,
 }
 
@@ -160,6 +162,14 @@ impl State {
         runs: Runs<'_>,
     ) -> Option<Self> {
         let model = grown(attached, fitted).ok()?;
+        // what begins as a signal does is no unknown of its own
+        let mut params = model.definition().params.clone();
+        for (p, at) in attached.params().iter().zip(&attached.new) {
+            if p.begins_as.is_some() {
+                params[*at].fixed = true;
+            }
+        }
+        let model = model.with_params(params);
         let theta = (0..runs.all.len()).map(|r| attached.theta_from(&self.theta[r], r, values)).collect();
         let affine = model.layout().affine.rates;
         let finer = |(a, b): (&Predictor, &Predictor)| match (a.steps(), b.steps()) {
@@ -171,7 +181,7 @@ impl State {
         };
         let predictors = self.text.predictors.iter().zip(predictors).map(finer).collect();
         let text = Text::new(model, predictors, runs)?;
-        let estimated = (0..attached.params().len()).map(|k| attached.is_estimated(k)).collect();
+        let estimated = attached.params().iter().enumerate().map(|(k, p)| attached.is_estimated(k) && p.begins_as.is_none()).collect();
         let mut effects = self.effects.clone();
         let (candidate, params) = (attached.candidate.clone(), attached.params().to_vec());
         effects.push(Placed { candidate, params, estimated, at: Vec::new() });
@@ -285,7 +295,7 @@ impl Ground<'_> {
     pub(super) fn judge(&self, state: &State, weights: Option<&[f64]>) -> Option<Judged> {
         let linear = self.linearise(state)?;
         let precision = self.precision(state);
-        let question = Question { grams: &linear.grams, noise: &self.binning.noise, precision: &precision };
+        let question = Question { grams: &linear.grams, noise: &self.binning.noise, precision: &precision, own: &[] };
         let evidence = question.answer(weights)?;
         let prior = self.log_prior(state, &evidence.mean, &evidence.covariance, evidence.mean.len());
         let log = evidence.log + prior - evidence.gain;
@@ -316,6 +326,17 @@ impl Ground<'_> {
             }
         }
         moved
+    }
+
+    /// Weights of white noise as large as the residuals of each output are.
+    pub(super) fn plain_weights(&self, grams: &Grams) -> Vec<f64> {
+        let of = |output: usize| {
+            let power: f64 = grams.residual_powers(output).iter().sum();
+            let own = self.binning.runs.iter().flat_map(|r| &r.segments).filter(|s| s.place / self.binning.bands == output);
+            let bins: usize = own.map(|s| s.end - s.begin).sum();
+            vec![bins as f64 / power.max(f64::MIN_POSITIVE); self.binning.bands]
+        };
+        (0..self.binning.outputs).flat_map(of).collect()
     }
 
     /// Weighted squares of what a state leaves; infinite where it has no response.
