@@ -14,8 +14,11 @@ const HATS: usize = 36;
 const MEMORY: f64 = 3.0;
 /// Sizes of the motion, in deviations of an output, that are averaged: from one two-hundredth to one and a half.
 const SIZES: (f64, f64, usize) = (0.005, 1.5, 7);
-/// Nats behind the best size beyond which larger ones are no better.
-const BEHIND: f64 = 12.0;
+/// Sizes that are asked first, by their places, and nats over the state alone below which the others are not asked: no prior odds let them matter.
+const FIRST: [usize; 2] = [2, 4];
+const MATTERS: f64 = 3.0;
+/// Nats behind the best size from which it adds nothing to the mean.
+const BEHIND: f64 = 8.0;
 const ROUNDS: usize = 4;
 /// Log prior odds of a disturbance and of a law against a mechanism: what has a name is believed first, then what repeats.
 const DISTURBANCE: f64 = -7.0;
@@ -106,9 +109,11 @@ impl Ground<'_> {
         let precision = self.precision(state);
         let q = precision.len();
         let plain = self.plain_weights(&judged.linear.grams);
-        let (mut found, mut best, mut last): (Vec<f64>, f64, Option<Vec<f64>>) = (Vec::new(), f64::NEG_INFINITY, None);
-        for size in sizes() {
-            let prior = (raw / size).powi(2);
+        let sizes: Vec<f64> = sizes().collect();
+        let mut found = vec![f64::NEG_INFINITY; sizes.len()];
+        let mut weights: Option<Vec<f64>> = None;
+        let mut ask = |k: usize, found: &mut Vec<f64>| {
+            let prior = (raw / sizes[k]).powi(2);
             let (mut shared, mut of_run) = (precision.clone(), Vec::new());
             if own {
                 of_run = vec![0.0; state.text.own.len()];
@@ -117,24 +122,37 @@ impl Ground<'_> {
                 shared.resize(q + count, prior);
             }
             let question = Question { grams, noise: &self.binning.noise, precision: &shared, own: &of_run };
-            let begun: [&[f64]; 2] = match &last {
-                Some(last) => [last, &judged.evidence.weights],
-                None => [&judged.evidence.weights, &plain],
+            let begun: Vec<&[f64]> = match &weights {
+                Some(last) => vec![last],
+                None => vec![&judged.evidence.weights, &plain],
             };
             let answers = begun.iter().filter_map(|w| question.answer_within(ROUNDS, Some(w)));
-            let Some(answer) = answers.max_by(|a, b| a.log.total_cmp(&b.log)) else {
-                found.push(f64::NEG_INFINITY);
-                continue;
-            };
-            let log = answer.log;
-            last = Some(answer.weights);
-            found.push(log);
-            if log < best - BEHIND {
+            if let Some(answer) = answers.max_by(|a, b| a.log.total_cmp(&b.log)) {
+                found[k] = answer.log;
+                weights = Some(answer.weights);
+            }
+        };
+        FIRST.iter().for_each(|k| ask(*k, &mut found));
+        let best = |found: &[f64]| found.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        if best(&found) < judged.evidence.log + MATTERS {
+            return found;
+        }
+        // outwards from the first ones, as long as that adds something
+        for k in FIRST[0] + 1..FIRST[1] {
+            ask(k, &mut found);
+        }
+        for k in (0..FIRST[0]).rev() {
+            ask(k, &mut found);
+            if found[k] < best(&found) - BEHIND {
                 break;
             }
-            best = best.max(log);
         }
-        found.resize(SIZES.2, f64::NEG_INFINITY);
+        for k in FIRST[1] + 1..sizes.len() {
+            ask(k, &mut found);
+            if found[k] < best(&found) - BEHIND {
+                break;
+            }
+        }
         found
     }
 
