@@ -14,7 +14,7 @@ pub use fdm_cli::language_server as lsp;
 #[doc(hidden)]
 pub use fdm_cli::main_with;
 #[cfg(feature = "discover")]
-pub use fdm_discover as diagnose;
+pub use fdm_infer as diagnose;
 #[cfg(feature = "discover")]
 pub use fdm_effects as effect;
 pub use fdm_estimate as estimate;
@@ -855,7 +855,7 @@ pub use fdm_estimate::residuals::Whiteness;
 
 // Diagnosis.
 
-/// Source: score tests (Rao 1948) in frequency bins, with family-wise p-values; docs/theory/discovery.md.
+/// Source: the evidence of linearised models under a mixture of noise spectra (MacKay 1992; Bishop 2006, chapter 10); docs/theory/discovery.md.
 ///
 /// # Example
 ///
@@ -870,7 +870,7 @@ pub use fdm_estimate::residuals::Whiteness;
 /// ```
 #[cfg(feature = "discover")]
 #[doc(inline)]
-pub use fdm_discover::diagnose;
+pub use fdm_infer::diagnose;
 
 /// # Example
 ///
@@ -885,18 +885,18 @@ pub use fdm_discover::diagnose;
 /// ```
 #[cfg(feature = "discover")]
 #[doc(inline)]
-pub use fdm_discover::Diagnosis;
+pub use fdm_infer::Diagnosis;
 
 /// # Example
 ///
 /// ```
 /// use fdm::DiagnosisOptions;
 /// let options = DiagnosisOptions { most: 1, ..DiagnosisOptions::default() };
-/// assert_eq!(options.alpha, 0.03); // an effect must be less likely by chance than this
+/// assert_eq!(options.most, 1); // effects that are added
 /// ```
 #[cfg(feature = "discover")]
 #[doc(inline)]
-pub use fdm_discover::DiagnosisOptions;
+pub use fdm_infer::DiagnosisOptions;
 
 /// # Example
 ///
@@ -905,14 +905,15 @@ pub use fdm_discover::DiagnosisOptions;
 /// let advice = |verdict| match verdict {
 ///     Verdict::EffectFound => "see the extended text",
 ///     Verdict::Disturbance => "estimate process noise with the filter",
-///     Verdict::UnknownCause => "something is missing that the catalogue does not have",
+///     Verdict::Law => "a function of one signal is missing",
+///     Verdict::UnknownCause => "something is wrong that nothing in the model explains",
 ///     Verdict::NoEffectFound => "the records say nothing against the model",
 /// };
 /// assert_eq!(advice(Verdict::EffectFound), "see the extended text");
 /// ```
 #[cfg(feature = "discover")]
 #[doc(inline)]
-pub use fdm_discover::Verdict;
+pub use fdm_infer::Verdict;
 
 /// # Example
 ///

@@ -1,7 +1,7 @@
 //! The best models of a diagnosis, fitted as they are written: what `fdm compare` averages over where it is given a diagnosis.
 
 use crate::failure::{Failure, OrFailure, remark};
-use fdm_discover::EffectAt;
+use fdm_infer::EffectAt;
 use fdm_effects::Catalogue;
 use fdm_estimate::{Changes, FitOptions, fit};
 use fdm_results::documents::{DiagnosisDocument, from_text};
@@ -83,7 +83,7 @@ impl Diagnosed {
     }
 
     fn data(&self, role: Role) -> impl Iterator<Item = &DataFile> {
-        let held = |data: &&DataFile| self.document.gains.iter().any(|g| g.validation && g.run == data.run);
+        let held = |data: &&DataFile| self.document.outputs.iter().any(|o| o.validation && o.run == data.run);
         self.manifest.data.iter().filter(move |data| held(data) == (role == Role::Validation))
     }
 

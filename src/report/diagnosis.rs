@@ -9,7 +9,7 @@ use crate::page::number::{bracketed, unit_of_frequency};
 use crate::page::subject::Subject;
 use crate::page::thinning::Kept;
 use crate::text;
-use fdm_discover::{Biased, Cause, CurvePoint, Detectable, FrontModel, LackOfFit, OutputGain, PlaceKind, Verdict};
+use fdm_infer::{Biased, Cause, EffectAt, FrontModel, LackOfFit, OutputGain, PlaceKind, UnnamedCause, Verdict};
 use fdm_results::documents::{DiagnosisDocument, digits, fixed, with_run};
 use maud::{Markup, html};
 use similar::{ChangeTag, DiffOp, TextDiff, capture_diff_slices};
@@ -20,7 +20,9 @@ const POINTS: usize = 4000;
 const FEW: usize = 12;
 /// Places, laws and candidates that are named.
 const NAMED: usize = 3;
-/// Candidates that came nearest.
+/// Nats behind the likeliest place within which others are named: odds of 100 : 1.
+const ALIKE: f64 = 4.6;
+/// Fits that are shown in text where nothing was found.
 const NEAREST: usize = 5;
 /// Outputs whose errors have columns of their own in text.
 const OUTPUTS: usize = 2;
@@ -32,14 +34,12 @@ pub fn diagnosis_text(found: &DiagnosisDocument) -> String {
     let stopped = is_cut_short(found).then(|| "The search was stopped before its end.".into());
     let head = unexplained(found).chain([verdict(found).sentence]).chain(stopped).map(|said| format!("{said}\n"));
     let all = [
-        Some(wrong(found, "")),
         Some(causes(found)),
-        nearest(found),
+        Some(wrong(found, "")),
         front(found),
         Some(gained(found)),
         moved(found),
-        rejected(found),
-        Some(detectable(found)).filter(|_| found.causes.is_empty()),
+        tried(found),
         Some(ended(found)),
     ];
     text::below(head.collect(), &all.into_iter().flatten().collect::<Vec<_>>())
@@ -52,15 +52,13 @@ pub(crate) fn sections(subject: &Subject, found: &DiagnosisDocument) -> Vec<Sect
         Part::Folded { summary, open: k < 2, class: "run", parts: figures }
     });
     let all = [
-        Some(wrong(found, &subject.time())).filter(|s| !s.parts.is_empty()),
         Some(causes(found)).filter(|s| !s.parts.is_empty()),
-        nearest(found),
+        Some(wrong(found, &subject.time())).filter(|s| !s.parts.is_empty()),
         front(found),
         change(subject),
         Some(gained(found).with_all(runs)).filter(|_| !found.outputs.is_empty()),
         moved(found),
-        rejected(found),
-        Some(detectable(found)).filter(|_| !found.detectable.is_empty()),
+        tried(found),
         Some(ended(found)),
     ];
     all.into_iter().flatten().collect()
@@ -71,27 +69,35 @@ pub(crate) fn verdict(found: &DiagnosisDocument) -> Judged {
     let said = match (found.verdict, found.stopped) {
         (Verdict::EffectFound, _) => "Something is missing from the model",
         (Verdict::Disturbance, _) => "A disturbance (process noise) acts on the model",
-        (Verdict::UnknownCause, true) => "The model is wrong; the search for the cause was stopped",
-        (Verdict::UnknownCause, false) => "The model is wrong, but no effect of the catalogue explains how",
+        (Verdict::Law, _) => "A function of one signal is missing that no effect of the catalogue is",
+        (Verdict::UnknownCause, _) => "The model is wrong in a way that nothing that was tried explains",
         (Verdict::NoEffectFound, true) => "Nothing was found before the search was stopped",
         (Verdict::NoEffectFound, false) => "No missing effect detected",
     };
     let is_clean = found.verdict == Verdict::NoEffectFound && !found.stopped;
-    let causes = found
-        .causes
-        .iter()
-        .enumerate()
-        .map(|(k, c)| format!("Cause {}: {} (gain in log-likelihood {:.1})", k + 1, c.doc, c.gain_training));
+    let causes = found.causes.iter().enumerate().map(|(k, c)| {
+        format!("Cause {}: {} (probability {}, {:.1} nats)", k + 1, c.doc, probability(c.probability), c.loss)
+    });
     let stopped = is_cut_short(found).then(|| "The search was stopped before its end".into());
+    let probable = found.explanations.first().map_or(f64::NAN, |e| e.probability);
     Judged::new(
         if is_clean { Trust::Good } else { Trust::Reserved },
-        format!("{said} (family-wise p = {}).", chance(found.family_wise_p)),
+        format!("{said} (probability {}).", probability(probable)),
     )
     .with_points(unexplained(found), "gain")
-    .with_points(stopped, "wrong")
+    .with_points(stopped, "causes")
     .with_points(causes, "causes")
+    .with_points(places(found), "wrong")
     .with_points(lacks(found).map(str::to_string), "wrong")
-    .with_points(found.residual_analysis.iter().cloned(), "wrong")
+}
+
+/// A probability, in two digits.
+fn probability(p: f64) -> String {
+    match p {
+        p if p > 0.995 => "above 0.99".into(),
+        p if p < 0.005 => "below 0.01".into(),
+        p => format!("{p:.2}"),
+    }
 }
 
 /// Outputs of which the model explains nothing: what is found beside such a fit may be about the fit.
@@ -113,11 +119,7 @@ fn lacks(found: &DiagnosisDocument) -> impl Iterator<Item = &str> {
     wrong.flat_map(|m| &m.sentences).map(String::as_str)
 }
 
-fn chance(p: f64) -> String {
-    if p < 1e-4 { format!("{p:.0e}") } else { format!("{p:.3}") }
-}
-
-/// What is wrong, where, and what is left; `time` is the unit of time.
+/// What is wrong, where, and what it could be; `time` is the unit of time.
 fn wrong(found: &DiagnosisDocument, time: &str) -> Section {
     let of_output = |(k, m): (usize, &LackOfFit)| {
         let unit = m.unit.as_deref().unwrap_or_default();
@@ -127,66 +129,44 @@ fn wrong(found: &DiagnosisDocument, time: &str) -> Section {
         parts.map(Part::on_page)
     };
     let said = lacks(found).map(|said| Part::Line(format!("  {said}")).in_text());
-    let sure = || found.places.iter().filter(|s| s.evidence.is_finite());
-    let odds = found.places.iter().take(NAMED).map(|place| {
-        let line = format!("something unknown at {}: the odds are e^{:.0} to 1", place.place, place.evidence);
-        Part::Line(line).in_text()
-    });
-    let mut places = Rows::over(sure());
-    places.words("place", |s| entrance(s.place.kind));
-    places.name("of", |s| s.place.name.clone());
-    places.number("logarithm of the odds", |s| digits(s.evidence, 4));
-    let places = (sure().count() > 0)
-        .then(|| Part::from(places.below("Where something unknown would enter, by the odds that it does:")).on_page());
-    let laws = found.suggestions.iter().flat_map(|s| &s.list).take(NAMED);
-    let laws = laws.map(|s| format!("it looks like {:.4} * {} in {}", s.coefficient, s.function, s.place));
-    let law = law_figure(found).map(|figure| {
-        let note = "Where the residuals follow one signal alike in all runs, what is missing there, estimated beside the parameters; \
-                    the band is two standard deviations wide on either side.";
-        [Part::Note(note.into()).on_page(), figure.into()]
-    });
+    let mut kinds = Rows::over(&found.explanations);
+    kinds.words("what it could be", |e| explained(e.verdict));
+    kinds.number("probability", |e| probability(e.probability));
+    kinds.number("evidence", |e| format!("{:.1} nats", e.evidence));
     Section::new("wrong", "What is wrong")
+        .with(kinds)
+        .lines(places(found))
         .with_all(found.lack_of_fit.iter().enumerate().flat_map(of_output))
         .with_all(said)
-        .with_all(odds)
-        .with_all(places)
-        .lines(laws.chain(found.residual_analysis.iter().cloned()))
-        .with_all(law.into_iter().flatten())
 }
 
-/// An unmodelled nonlinearity over its variable.
-fn law_figure(found: &DiagnosisDocument) -> Option<Figure> {
-    let law = found.attribution.as_ref()?.nonlinearity.as_ref()?;
-    let (place, variable) = (&law.place, &law.curve.variable);
-    let of = |value: fn(&CurvePoint) -> f64| law.curve.points.iter().map(value).collect::<Vec<f64>>();
-    let added = match place.kind {
-        PlaceKind::Equation => format!("added to der({})", place.name),
-        _ => format!("added to {}", place.name),
-    };
-    let marks = vec![
-        Mark::between(
-            "two standard deviations",
-            Look::Bound,
-            Shape::Band,
-            of(|p| p.value - 2.0 * p.deviation),
-            of(|p| p.value + 2.0 * p.deviation),
-        ),
-        Mark::between("estimate", Look::Residual, Shape::Line, Vec::new(), of(|p| p.value)),
-    ];
-    Some(
-        Figure::new("law", format!("what {} lacks, over {variable}", place.name), variable.clone(), of(|p| p.at))
-            .with(Panel::new(added, 150, marks))
-            .half(),
-    )
-}
-
-/// In what it enters, in one word.
-fn entrance(kind: PlaceKind) -> &'static str {
-    match kind {
-        PlaceKind::Input => "input",
-        PlaceKind::Equation => "equation",
-        PlaceKind::Output => "output",
+/// A kind of explanation, in words.
+fn explained(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::NoEffectFound => "nothing beside noise",
+        Verdict::EffectFound => "effects of the catalogue",
+        Verdict::Disturbance => "a disturbance in an equation",
+        Verdict::Law => "a function of one signal in an equation",
+        Verdict::UnknownCause => "none of these",
     }
+}
+
+/// Where what has no name enters, in sentences, where that is the verdict.
+fn places(found: &DiagnosisDocument) -> Vec<String> {
+    let is_it = |u: &&UnnamedCause| match found.verdict {
+        Verdict::Disturbance => u.signal.is_none() && u.place.kind == PlaceKind::Equation,
+        Verdict::Law => u.signal.is_some(),
+        Verdict::UnknownCause => u.place.kind == PlaceKind::Output,
+        Verdict::EffectFound | Verdict::NoEffectFound => false,
+    };
+    let own: Vec<&UnnamedCause> = found.unnamed.iter().filter(is_it).collect();
+    let best = own.first().map_or(0.0, |u| u.evidence);
+    let near = own.into_iter().filter(|u| u.evidence > best - ALIKE).take(NAMED);
+    near.map(|u| match &u.signal {
+        Some(signal) => format!("a function of {signal} in {} ({:.1} nats)", u.place, u.evidence),
+        None => format!("something of its own course in every run in {} ({:.1} nats)", u.place, u.evidence),
+    })
+    .collect()
 }
 
 /// All figures of a diagnosis.
@@ -197,7 +177,6 @@ pub(crate) fn figures(subject: &Subject, found: &DiagnosisDocument) -> Vec<Figur
         .iter()
         .enumerate()
         .flat_map(|(k, m)| of_lack_of_fit(k, m, &time))
-        .chain(law_figure(found))
         .chain(front_figure(found));
     let runs = ordered(subject, &found.outputs).into_iter().enumerate();
     lack_of_fit.chain(runs.flat_map(|(k, (_, table))| overlays(k, table))).collect()
@@ -261,25 +240,14 @@ fn cause(c: &Cause) -> Vec<String> {
         let error = p.standard_error.map_or(String::new(), |e| format!(" +- {}", digits(e, 2)));
         list.push(format!("{} = {}{error}{unit}", p.name, digits(p.value, 5)));
     }
-    let validated = c.gain_validation.map_or(String::new(), |g| format!(", {g:.1} on the validation runs"));
-    list.push(format!("gain in log-likelihood {:.1}{validated}; p {}", c.gain_training, chance(c.p)));
-    let others = c.group.iter().skip(1).map(|r| format!("{} (score {:.1} to {:.1})", r.place, r.score, c.score));
+    list.push(format!("probability {}; without it alone {:.1} nats are lost", probability(c.probability), c.loss));
+    let others = c.group.iter().map(|r| format!("{} ({})", r.place, probability(r.probability)));
     let others: Vec<String> = others.collect();
     if !others.is_empty() {
         list.push(format!("these records cannot tell it from {}", others.join(", ")));
     }
     list.extend(c.separating_experiment.iter().map(|experiment| format!("to tell apart {experiment}")));
     list
-}
-
-/// The candidates that came nearest, where none was accepted.
-fn nearest(found: &DiagnosisDocument) -> Option<Section> {
-    let search = found.searches.first().filter(|_| found.causes.is_empty())?;
-    let mut table = Rows::over(search.ranking.iter().take(NEAREST));
-    table.name("nearest candidates", |s| s.place.clone());
-    table.number("predicted gain", |s| format!("{:.1}", s.gain));
-    table.number("chance by itself", |s| chance(s.chance));
-    Some(Section::new("nearest", "What came nearest").with(table))
 }
 
 /// The best models by number of effects, by what their texts do when they are simulated.
@@ -295,12 +263,10 @@ fn front(found: &DiagnosisDocument) -> Option<Section> {
     let mut table = Rows::over(front);
     table.name("best models by size", named);
     table.number("parameters", |m| format!("+{}", m.parameters));
+    table.number("evidence", |m| format!("{:.1}", m.evidence));
     table.number("error, fitted", |m| percent(Some(m.error_training)));
     if validated {
         table.number("validation", |m| percent(m.error_validation));
-    } else if front.iter().any(|m| m.error_cross_validated.is_some()) {
-        let hint = "each run by a fit to the others; of a single run its last third";
-        table.number("predicted", |m| percent(m.error_cross_validated)).hint(hint);
     }
     for (k, output) in outputs.iter().enumerate() {
         let unit = bracketed(output.unit.as_deref());
@@ -319,10 +285,7 @@ fn front(found: &DiagnosisDocument) -> Option<Section> {
             }
         }
     }
-    table.sentence("", |m| match m.recommended {
-        true => "recommended".into(),
-        false => m.objection.clone().unwrap_or_default(),
-    });
+    table.sentence("", |m| if m.recommended { "written".into() } else { String::new() });
     let note = "Each model as it is written: fitted once more by plain output error, and simulated. Errors are parts of that of the model \
                 as it was given, the mean over outputs.";
     let section = Section::new("best-models", "Best models by size").explained(note);
@@ -331,10 +294,11 @@ fn front(found: &DiagnosisDocument) -> Option<Section> {
 
 /// The effects of a model of the front.
 fn named(model: &&FrontModel) -> String {
-    match model.effects.is_empty() {
-        true => "as given".into(),
-        false => model.effects.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "),
-    }
+    if model.effects.is_empty() { "as given".into() } else { joined(&model.effects) }
+}
+
+fn joined(effects: &[EffectAt]) -> String {
+    effects.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ")
 }
 
 /// Errors over the number of effects.
@@ -346,9 +310,6 @@ fn front_figure(found: &DiagnosisDocument) -> Option<Figure> {
     if front.iter().any(|m| m.error_validation.is_some()) {
         let values = of(|m| m.error_validation.unwrap_or(f64::NAN));
         marks.push(Mark::between("validation runs", Look::Model, Shape::Dots, Vec::new(), values));
-    } else if front.iter().any(|m| m.error_cross_validated.is_some()) {
-        let values = of(|m| m.error_cross_validated.unwrap_or(f64::NAN));
-        marks.push(Mark::between("predicted", Look::Model, Shape::Dots, Vec::new(), values));
     }
     (front.len() > 1).then(|| {
         Figure::new(
@@ -418,10 +379,7 @@ fn gained(found: &DiagnosisDocument) -> Section {
     table.number("after", |o| fixed(o.tic_after, 4));
     table.number("R^2 before", |o| fixed(o.r2_before, 4));
     table.number("after", |o| fixed(o.r2_after, 4));
-    let gains = found.gains.iter().map(|g| {
-        format!("{} ({}): log-likelihood gains {:.1} +- {:.1}", g.run, role(g.validation), g.gain, g.deviation)
-    });
-    Section::new("gain", "Before and after").with(table).lines(gains)
+    Section::new("gain", "Before and after").with(table)
 }
 
 /// Validation runs stand first.
@@ -488,39 +446,20 @@ fn moved(found: &DiagnosisDocument) -> Option<Section> {
     any.then(|| Section::new("moved", "What the missing effect had moved").with(table))
 }
 
-/// What was fitted and not accepted.
-fn rejected(found: &DiagnosisDocument) -> Option<Section> {
-    let rejected = &found.rejected;
-    let mut table = Rows::over(rejected);
-    table.name("not accepted", |r| r.place.clone());
-    table.number("step", |r| r.step);
-    table.number("gain", |r| format!("{:.1}", r.gain_training));
-    table.number("validation", |r| r.gain_validation.map_or("-".into(), |g| format!("{g:.1}")));
-    table.sentence("because", |r| r.reason.clone());
-    let summary = format!("{} fits, and why they were not accepted", rejected.len());
-    let folded = Part::Folded { summary, open: rejected.len() <= FEW, class: "", parts: vec![table.into()] };
-    (!rejected.is_empty()).then(|| Section::new("rejected", "What was fitted and not accepted").with(folded))
+/// What was fitted, search by search.
+fn tried(found: &DiagnosisDocument) -> Option<Section> {
+    let all = || found.searches.iter().enumerate().flat_map(|(k, s)| s.tried.iter().map(move |t| (k + 1, t)));
+    let count = all().count();
+    let mut table = Rows::over(all().take(if found.causes.is_empty() { NEAREST } else { usize::MAX }));
+    table.name("tried", |(_, t)| joined(&t.effects));
+    table.number("search", |(k, _)| k.to_string());
+    table.number("evidence", |(_, t)| format!("{:+.1}", t.evidence));
+    let summary = format!("{count} fits, with their evidence beside the model from which each search went on");
+    let folded = Part::Folded { summary, open: count <= FEW, class: "", parts: vec![table.into()] };
+    (count > 0).then(|| Section::new("tried", "What was tried").with(folded))
 }
 
-/// How small effects could have been.
-fn detectable(found: &DiagnosisDocument) -> Section {
-    let (seen, hidden): (Vec<&Detectable>, Vec<&Detectable>) =
-        found.detectable.iter().partition(|d| d.smallest.is_some());
-    let more = seen.len().saturating_sub(FEW);
-    let mut table = Rows::over(seen.into_iter().take(FEW));
-    table.name("would have been seen", |d| d.place.clone());
-    table.words("from", |d| d.smallest.map_or(String::new(), |v| format!("{} = {}", d.parameter, digits(v, 3))));
-    table.words("", |d| d.unit.clone().unwrap_or_default());
-    let hidden: Vec<String> = hidden.iter().map(|d| d.place.to_string()).collect();
-    let hidden = (!hidden.is_empty())
-        .then(|| format!("could not be seen, because the fitted parameters make up for it: {}", hidden.join(", ")));
-    let more = (more > 0).then(|| format!("and {more} more (--json)"));
-    let parts = std::iter::once(table.into()).chain(more.into_iter().chain(hidden).map(Part::Line)).collect();
-    let summary = "the smallest size that four of five records like these would show";
-    Section::new("detectable", "What would have been seen").with(Part::folded(summary, parts))
-}
-
-/// What the records hide, why the search ended, and what was assumed.
+/// Why the search ended, and what was assumed.
 fn ended(found: &DiagnosisDocument) -> Section {
     let band = found.band.map(|(low, high)| {
         let (low, high) = (digits(low, 3), digits(high, 3));
@@ -531,31 +470,6 @@ fn ended(found: &DiagnosisDocument) -> Section {
         .then(|| format!("{left_out} candidates could not be tried (--json lists them with the reasons)."));
     let said = std::iter::once(format!("The search ended: {}.", found.ended));
     Section::new("search", "The search")
-        .with_all(feedback(found))
         .with(Part::Gap)
         .lines(said.chain(band).chain(found.notes.iter().cloned()).chain(left_out))
-}
-
-/// Inputs that move with the states, and what that hides.
-fn feedback(found: &DiagnosisDocument) -> Vec<Part> {
-    let Some(feedback) = &found.feedback else { return Vec::new() };
-    let inputs = feedback.inputs.iter().map(|input| {
-        let (name, own) = (&input.input, 100.0 * (1.0 - input.explained));
-        match input.feedback {
-            true => format!("{name} follows the states, as under a controller or a pilot: {own:.0} % of it is its own"),
-            false => format!("{name} moves with the states: {own:.0} % of it is its own"),
-        }
-    });
-    let hidden: Vec<String> = feedback.hidden.iter().take(FEW).map(ToString::to_string).collect();
-    let more = feedback.hidden.len() - hidden.len();
-    let more = if more > 0 { format!(" and {more} more (--json)") } else { String::new() };
-    let hides = match hidden.is_empty() {
-        true => "nothing that was tried is hidden by that".into(),
-        false => format!(
-            "what these records hide, as the fitted parameters make up for nearly all of it: {}{more}; inputs that do not \
-             move with the states would show it",
-            hidden.join(", ")
-        ),
-    };
-    std::iter::once(Part::Gap).chain(inputs.chain([hides]).map(Part::Line)).collect()
 }

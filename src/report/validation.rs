@@ -2,7 +2,7 @@
 
 use super::section::{Part, Rows, Section};
 use crate::text;
-use fdm_discover::{Band, LackOfFit, Window};
+use fdm_infer::{Band, LackOfFit, Window};
 use fdm_estimate::residuals::{Baseline, OutputQuality, TicParts, Whiteness};
 use fdm_results::documents::{BandCoverage, OutputDocument, Validation, digits, fixed};
 

@@ -11,12 +11,10 @@ use crate::options::DiagnosedSpectra;
 use crate::records::Records;
 use crate::session::Session;
 use crate::tables::{overlay_table, run_file};
-use crate::value::probability;
 use crate::verb::{Given, Verb, Visit, as_one_task};
 use crate::word::one_of;
 use clap::Args;
-use fdm_discover::screening::ScreeningOptions;
-use fdm_discover::{self as discover, Diagnosis, DiagnosisError, DiagnosisOptions, diagnose as search};
+use fdm_infer::{self as infer, Diagnosis, DiagnosisError, DiagnosisOptions, diagnose as search};
 use fdm_estimate::{CheckpointStore, Domain, FitOptions};
 use fdm_report::diagnosis_text;
 use fdm_results::documents::DiagnosisDocument;
@@ -42,9 +40,6 @@ pub struct Options {
     chosen: Chosen,
     #[command(flatten)]
     estimated: Estimated,
-    /// Family-wise probability of a false alarm, over the whole catalogue
-    #[arg(long, value_name = "P", default_value_t = 0.03, value_parser = probability, help_heading = "Search", hide_short_help = true)]
-    alpha: f64,
     /// Most effects that are added, one after the other
     #[arg(long = "max-effects", value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u16).range(0..=20), help_heading = "Search")]
     most: u16,
@@ -179,24 +174,21 @@ impl Verb for Options {
 }
 
 impl Options {
-    fn chosen(&self, model: &Model, domain: discover::Domain) -> DiagnosisOptions {
+    fn chosen(&self, model: &Model, domain: infer::Domain) -> DiagnosisOptions {
         let changes = self.model.changes(&self.estimated);
         DiagnosisOptions {
-            alpha: self.alpha,
             most: self.most.into(),
             fit: FitOptions { changes, ..FitOptions::default() }.with_declared_noise(model),
-            screening: ScreeningOptions::default(),
             domain,
-            tables: self.chosen.tables(),
         }
     }
 
     /// Options of the frequency domain are refused in the time domain.
-    fn domain(&self) -> Result<discover::Domain, Failure> {
+    fn domain(&self) -> Result<infer::Domain, Failure> {
         let given = self.spectra.given();
         match self.domain {
-            Domain::Frequency => Ok(discover::Domain::Frequency(Box::new(self.spectra.options()))),
-            Domain::Time if given.is_empty() => Ok(discover::Domain::Time),
+            Domain::Frequency => Ok(infer::Domain::Frequency(Box::new(self.spectra.options()))),
+            Domain::Time if given.is_empty() => Ok(infer::Domain::Time),
             Domain::Time => Err(Failure::input([format!(
                 "{} cannot be combined with --domain time: leave it out, or use --domain frequency",
                 given.join(", ")

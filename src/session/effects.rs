@@ -50,23 +50,14 @@ fn field(text: &str) -> Result<Field, String> {
     })
 }
 
-/// What a coefficient that is tried as a table is called among effects.
-const TABLE: &str = "coefficient_table";
-
 impl Chosen {
-    /// Whether coefficients are tried as tables.
-    pub fn tables(&self) -> bool {
-        let named = |list: &[String]| list.iter().any(|name| name == TABLE);
-        if self.only.is_empty() { !named(&self.without) } else { named(&self.only) }
-    }
-
     /// The part of a catalogue that was chosen; names that it does not have are refused.
     ///
     /// # Errors
     /// [`Failure`]
     pub fn of(&self, mut catalogue: Catalogue) -> Result<Catalogue, Failure> {
         let own = catalogue.effects().map(|e| e.name().to_string());
-        let names: BTreeSet<String> = own.chain([TABLE.to_string()]).collect();
+        let names: BTreeSet<String> = own.collect();
         let unknown = |name: &&String| !names.contains(*name);
         let said = self.only.iter().chain(&self.without).filter(unknown).map(|name| {
             let near = did_you_mean(name, names.iter().map(String::as_str));

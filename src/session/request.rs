@@ -23,7 +23,7 @@ use crate::{
 };
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Args, Command};
-use fdm_discover::Diagnosis;
+use fdm_infer::Diagnosis;
 use fdm_estimate::{Fit, Halt, Identified, Iteration, UnknownName};
 
 use fdm_report::study_table;

@@ -2,7 +2,7 @@
 
 use crate::answer::NamedFile;
 use crate::bands::edges;
-use fdm_discover::Overlay;
+use fdm_infer::Overlay;
 use fdm_estimate::{Fit, RunFit};
 use fdm_lab::posterior::Bands;
 use fdm_report::TimeHistory;

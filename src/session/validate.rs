@@ -14,7 +14,7 @@ use crate::records::Records;
 use crate::session::Session;
 use crate::value::positive;
 use clap::Args;
-use fdm_discover::{LackOfFit, RunResidual, lack_of_fit};
+use fdm_infer::{LackOfFit, RunResidual, lack_of_fit};
 use fdm_estimate::residuals::Baseline;
 use fdm_estimate::{Fit, fit, fit_from_initial_conditions};
 use fdm_lab::posterior::Bands;

@@ -9,7 +9,7 @@ use super::remarks::limit_within_bounds;
 use super::remarks::{Remark, estimate_remarks, fit_remarks, spectral_remarks};
 use super::requirement::Assessment;
 use super::study::Study;
-use fdm_discover::LackOfFit;
+use fdm_infer::LackOfFit;
 use fdm_doctor::Finding;
 use fdm_estimate::residuals::OutputQuality;
 use fdm_estimate::{

@@ -5,7 +5,7 @@
 //! **Start** at [`FitDocument`], which all fits share; [`ResultDocument`] is what a result folder holds.
 //!
 //! Values that a room below already keeps in the form of a document ([`fdm_estimate::ParameterEstimate`], [`fdm_estimate::residuals::Whiteness`],
-//! [`fdm_discover::LackOfFit`]) are part of a document as they are.
+//! [`fdm_infer::LackOfFit`]) are part of a document as they are.
 
 mod diagnosis;
 mod digits;
@@ -38,7 +38,7 @@ pub mod sample;
 pub mod stages;
 pub mod study;
 
-pub use diagnosis::{DiagnosisDocument, DisturbanceCourse};
+pub use diagnosis::DiagnosisDocument;
 pub use digits::{digits, digits_by_error, digits_of_end, fixed};
 pub use doctor::{DoctorDocument, JudgedRecords};
 pub use fit::{BandCoverage, Evaluations, FitDocument, Integration, Matrix, StartDocument, Terminated, Validation};

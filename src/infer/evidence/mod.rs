@@ -1,0 +1,10 @@
+//! The log evidence of a linearised model: band Grams of its residual and columns, under the noise of each output, a mixture of spectra.
+
+pub(crate) mod bands;
+pub(crate) mod binning;
+mod factor;
+pub(crate) mod gram;
+pub(crate) mod noise;
+pub(crate) mod prior;
+pub(crate) mod question;
+pub(crate) mod screen;

@@ -1,0 +1,125 @@
+//! What one more column would add to a linearised model under given weights, in closed form.
+
+use crate::evidence::factor::Factor;
+use crate::evidence::gram::{Border, Grams, RunGrams};
+
+/// Part of a column that must be left beside the others: below it there is nothing that they do not do.
+const LEFT: f64 = 1e-7;
+
+/// A linearised model under weights, factored.
+pub(crate) struct Screen<'g> {
+    grams: &'g Grams,
+    /// Mean of 1/S for every output and band.
+    weights: &'g [f64],
+    runs: Vec<RunFactor>,
+    shared: Factor,
+    /// The residual's products with the shared columns, what belongs to runs eliminated, whitened.
+    residual: Vec<f64>,
+}
+
+/// A run's own columns under weights.
+struct RunFactor {
+    factor: Factor,
+    /// Their products with the residual and with each shared column, whitened.
+    columns: Vec<Vec<f64>>,
+}
+
+/// A column beside all others.
+#[derive(Debug, Clone)]
+pub(crate) struct Beside {
+    /// Its product with the residual, and its square, both beside what the others do.
+    pub(crate) cross: f64,
+    pub(crate) square: f64,
+    /// Whitened products with all own columns, run by run, then the shared ones.
+    pub(crate) along: Vec<f64>,
+}
+
+impl<'g> Screen<'g> {
+    /// None where the columns are not finite.
+    pub(crate) fn new(grams: &'g Grams, weights: &'g [f64], precision: &[f64]) -> Option<Self> {
+        let q = grams.shared();
+        let size = q + 1;
+        let (mut runs, mut schur, mut matrix) = (Vec::new(), vec![0.0; size * size], Vec::new());
+        for run in grams.runs() {
+            weighted(run, weights, &mut matrix);
+            let mut factor = Factor::default();
+            if run.own > 0 && !factor.renew(&matrix, run.own, run.width) {
+                return None;
+            }
+            let column = |j: usize| -> Vec<f64> {
+                let mut b: Vec<f64> = (0..run.own).map(|i| matrix[i * run.width + run.own + j]).collect();
+                if run.own > 0 {
+                    factor.whiten(&mut b);
+                }
+                b
+            };
+            let columns: Vec<Vec<f64>> = (0..size).map(column).collect();
+            for i in 0..size {
+                for j in 0..size {
+                    let entry = matrix[(run.own + i) * run.width + run.own + j];
+                    schur[i * size + j] += entry - inner(&columns[i], &columns[j]);
+                }
+            }
+            runs.push(RunFactor { factor, columns });
+        }
+        let mut within: Vec<f64> = (1..size).flat_map(|i| schur[i * size + 1..(i + 1) * size].to_vec()).collect();
+        precision.iter().enumerate().for_each(|(j, p)| within[j * q + j] += p);
+        let mut shared = Factor::default();
+        let mut residual: Vec<f64> = (1..size).map(|i| schur[i * size]).collect();
+        if q > 0 {
+            if !shared.renew(&within, q, q) {
+                return None;
+            }
+            shared.whiten(&mut residual);
+        }
+        Some(Self { grams, weights, runs, shared, residual })
+    }
+
+    /// A column beside the others; none where they do all that it does.
+    pub(crate) fn beside(&self, border: &Border) -> Option<Beside> {
+        let q = self.grams.shared();
+        let (mut along, mut rest) = (Vec::new(), vec![0.0; q + 1]);
+        let (mut square, mut whole) = (0.0, 0.0);
+        let mut sums = Vec::new();
+        for ((run, own), products) in self.grams.runs().iter().zip(&self.runs).zip(&border.runs) {
+            let width = run.width + 1;
+            sums.clear();
+            sums.resize(width, 0.0);
+            for (weight, row) in self.weights.iter().zip(products.chunks_exact(width)) {
+                sums.iter_mut().zip(row).for_each(|(sum, v)| *sum += weight * v);
+            }
+            let mut mine = sums[..run.own].to_vec();
+            if run.own > 0 {
+                own.factor.whiten(&mut mine);
+            }
+            for ((rest, sum), column) in rest.iter_mut().zip(&sums[run.own..run.width]).zip(&own.columns) {
+                *rest += sum - inner(column, &mine);
+            }
+            square += sums[run.width] - inner(&mine, &mine);
+            whole += sums[run.width];
+            along.extend(mine);
+        }
+        let mut shared = rest.split_off(1);
+        if q > 0 {
+            self.shared.whiten(&mut shared);
+        }
+        let cross = rest[0] - inner(&shared, &self.residual);
+        square -= inner(&shared, &shared);
+        along.extend(shared);
+        (square > LEFT * whole && square.is_finite() && cross.is_finite()).then_some(Beside { cross, square, along })
+    }
+}
+
+fn inner(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+/// The sum of a run's band Grams with weights.
+fn weighted(run: &RunGrams, weights: &[f64], matrix: &mut Vec<f64>) {
+    let width = run.width;
+    matrix.clear();
+    matrix.resize(width * width, 0.0);
+    for (weight, products) in weights.iter().zip(run.products.chunks_exact(width * width)) {
+        matrix.iter_mut().zip(products).for_each(|(sum, product)| *sum += weight * product);
+    }
+}

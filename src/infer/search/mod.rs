@@ -1,0 +1,10 @@
+//! What is missing, decided by one number: the log evidence of a written model on all its runs, plus its log prior odds.
+
+mod proposals;
+mod random_effect;
+mod search;
+mod separating;
+mod state;
+mod verdict;
+
+pub use verdict::diagnose;

@@ -1,0 +1,208 @@
+//! The search: sets of effects by their evidence, one after the other, and what could stand in the place of each.
+
+use crate::candidates::extended_model::place;
+use crate::search::proposals::{Proposal, Proposals};
+use crate::search::state::{Ground, Judged, State};
+use crate::diagnosis::{EffectAt, LeftOut, SearchStep, Tried};
+use fdm_effects::Candidate;
+use fdm_numeric::parallel;
+use std::collections::BTreeSet;
+
+/// Sets that are refitted in a step: candidates, and pairs where the best of them is likelier or less likely than the best candidate.
+const REFITTED: usize = 14;
+const PAIRS: (usize, usize) = (3, 2);
+/// Sets that are asked whether they may be taken.
+const ASKED: usize = 4;
+/// Odds of 100 : 1, the group.
+const GROUP: f64 = 4.6;
+
+/// A state and what was made of it.
+pub(crate) type Fitted = (State, Judged);
+
+/// A cause of the result.
+pub(crate) struct Cause {
+    /// Its place in the state.
+    pub(crate) effect: usize,
+    /// Evidence that is lost without it.
+    pub(crate) loss: f64,
+    /// What could stand in its place, with evidence beside it, the likeliest first; itself left out.
+    pub(crate) group: Vec<(Candidate, f64)>,
+}
+
+/// What a search came to.
+pub(crate) struct Found {
+    pub(crate) null: Fitted,
+    pub(crate) best: Fitted,
+    pub(crate) causes: Vec<Cause>,
+    /// States that the search went on from, with their evidence, the null first.
+    pub(crate) stages: Vec<(State, f64)>,
+    pub(crate) steps: Vec<SearchStep>,
+    /// Evidence of all sets of the first step together, beside the null.
+    pub(crate) together: f64,
+    pub(crate) left_out: Vec<LeftOut>,
+    pub(crate) stopped: bool,
+}
+
+/// Effects of a state.
+fn places(state: &State) -> Vec<EffectAt> {
+    state.effects.iter().map(|e| place(&e.candidate)).collect()
+}
+
+/// Searches from a base.
+pub(crate) struct Search<'a> {
+    pub(crate) ground: &'a Ground<'a>,
+    pub(crate) base: State,
+    pub(crate) candidates: &'a [Candidate],
+    /// Most effects.
+    pub(crate) most: usize,
+    /// Whether a state predicts runs that were not fitted as well as another.
+    pub(crate) predicts: &'a (dyn Fn(&State, &State) -> bool + Sync),
+}
+
+impl Search<'_> {
+    /// None where the base has no evidence.
+    pub(crate) fn run(&self) -> Option<Found> {
+        let (mut steps, mut left_out, mut first) = (Vec::new(), Vec::new(), Vec::new());
+        let null = self.ground.refit(self.base.clone(), None)?;
+        let mut best: Fitted = self.again(&null)?;
+        let (mut stopped, mut together) = (false, f64::NEG_INFINITY);
+        let mut stages = vec![(null.0.clone(), null.1.log)];
+        while best.0.effects.len() < self.most {
+            let Some((sets, out)) = self.sets((&best.0, &best.1), true) else {
+                stopped = true;
+                break;
+            };
+            let level = best.1.log;
+            let tried = sets.iter().map(|(s, j)| Tried { effects: places(s), evidence: j.log - level }).collect();
+            steps.push(SearchStep { tried, accepted: None });
+            let begins = best.0.effects.is_empty();
+            if begins {
+                left_out = out;
+                first = sets.iter().map(|(s, j)| (s.clone(), j.log)).collect();
+            }
+            let mut physical: Vec<Fitted> = sets.into_iter().filter(|(s, _)| s.is_physical()).collect();
+            // something is there where that is likelier than nothing, whatever it is; one more only where it is likelier itself
+            let sum: f64 = physical.iter().map(|(_, j)| (j.log - level).exp()).sum();
+            if begins {
+                together = sum.ln();
+            }
+            if begins && sum < 1.0 {
+                break;
+            }
+            physical.retain(|(_, j)| begins || j.log > level);
+            let next = physical.into_iter().take(ASKED).find(|(s, _)| (self.predicts)(s, &best.0));
+            let Some(next) = next else { break };
+            best = self.left_out_while_better(next);
+            if let Some(step) = steps.last_mut() {
+                step.accepted = Some(places(&best.0));
+            }
+            stages.push((best.0.clone(), best.1.log));
+        }
+        let causes = self.causes(&mut best, &null, &first);
+        Some(Found { null, best, causes, stages, steps, together, left_out, stopped })
+    }
+
+    fn again(&self, found: &Fitted) -> Option<Fitted> {
+        let judged = self.ground.judge(&found.0, Some(&found.1.evidence.weights))?;
+        Some((found.0.clone(), judged))
+    }
+
+    /// Refitted states with one or two more effects, the likeliest first; none where it was stopped.
+    fn sets(&self, (state, judged): (&State, &Judged), pairs: bool) -> Option<(Vec<Fitted>, Vec<LeftOut>)> {
+        let mut proposals = Proposals::new(self.ground, (state, judged), self.candidates)?;
+        let left_out = std::mem::take(&mut proposals.left_out);
+        let ranked = proposals.likeliest(pairs);
+        let (mut singles, mut more): (Vec<&Proposal>, Vec<&Proposal>) = ranked.iter().partition(|p| p.specs.len() == 1);
+        let likelier = more.first().zip(singles.first()).is_some_and(|(pair, single)| pair.log > single.log);
+        // of a candidate its best value, of a finite one the best two
+        let mut seen: Vec<usize> = Vec::new();
+        singles.retain(|p| {
+            let (own, finite) = proposals.candidate(p.specs[0]);
+            let fresh = seen.iter().filter(|s| **s == own).count() < if finite { 2 } else { 1 };
+            seen.push(own);
+            fresh
+        });
+        singles.truncate(REFITTED);
+        more.truncate(if likelier { PAIRS.0 } else { PAIRS.1 });
+        let todo: Vec<&Proposal> = singles.into_iter().chain(more).collect();
+        let refitted = |proposal: &Proposal| -> Option<Fitted> {
+            let begun = proposals.begun(proposal)?;
+            self.ground.refit(begun, Some(&proposal.weights))
+        };
+        let mut found: Vec<Fitted> = parallel::map(todo, refitted).into_iter().flatten().collect();
+        found.sort_by(|a, b| b.1.log.total_cmp(&a.1.log));
+        let mut known: Vec<BTreeSet<EffectAt>> = Vec::new();
+        found.retain(|(s, _)| {
+            let own: BTreeSet<EffectAt> = places(s).into_iter().collect();
+            let fresh = !known.contains(&own);
+            known.push(own);
+            fresh
+        });
+        self.ground.work.goes_on().then_some((found, left_out))
+    }
+
+    /// Members are left out as long as that is likelier.
+    fn left_out_while_better(&self, mut best: Fitted) -> Fitted {
+        while best.0.effects.len() > 1 {
+            let without = |k: usize| self.without(&best, k).filter(|(_, judged)| judged.log > best.1.log);
+            let found = (0..best.0.effects.len()).find_map(without);
+            match found {
+                Some(found) => best = found,
+                None => break,
+            }
+        }
+        best
+    }
+
+    fn without(&self, found: &Fitted, k: usize) -> Option<Fitted> {
+        let kept: Vec<usize> = (0..found.0.effects.len()).filter(|e| *e != k).collect();
+        let state = found.0.only(&self.base, &kept, self.ground)?;
+        self.ground.refit(state, Some(&found.1.evidence.weights))
+    }
+
+    /// Effects of the result, the dearest first, each with those that could stand in its place; one that stands there better takes it.
+    fn causes(&self, best: &mut Fitted, null: &Fitted, first: &[(State, f64)]) -> Vec<Cause> {
+        let mut causes = Vec::new();
+        let mut k = 0;
+        while k < best.0.effects.len() {
+            let alone = best.0.effects.len() == 1;
+            let without = if alone { None } else { self.without(best, k) };
+            let (level, others): (f64, Vec<(State, f64)>) = match &without {
+                Some((state, judged)) => {
+                    let sets = self.sets((state, judged), false).map_or(Vec::new(), |(sets, _)| sets);
+                    let mut better: Vec<Fitted> = Vec::new();
+                    let mut list = Vec::new();
+                    for (s, j) in sets {
+                        list.push((s.clone(), j.log));
+                        if s.is_physical() && j.log > best.1.log && (self.predicts)(&s, &best.0) {
+                            better.push((s, j));
+                        }
+                    }
+                    let level = judged.log;
+                    if let Some(found) = better.into_iter().next() {
+                        *best = found;
+                        // it stands at the end now
+                        let last = best.0.effects.len() - 1;
+                        best.0.effects.swap(k, last);
+                    }
+                    (level, list)
+                }
+                None => (null.1.log, first.to_vec()),
+            };
+            let own = place(&best.0.effects[k].candidate);
+            let told = best.1.log - best.0.effects[k].odds();
+            let mut group: Vec<(Candidate, f64)> = Vec::new();
+            for (s, log) in &others {
+                let Some(last) = s.effects.last().filter(|_| s.effects.len() == best.0.effects.len()) else { continue };
+                // what the records alone cannot tell from it, whatever its kind
+                if place(&last.candidate) != own && s.is_physical() && log - last.odds() > told - GROUP {
+                    group.push((last.candidate.clone(), log - best.1.log));
+                }
+            }
+            causes.push(Cause { effect: k, loss: best.1.log - level, group });
+            k += 1;
+        }
+        causes.sort_by(|a, b| b.loss.total_cmp(&a.loss));
+        causes
+    }
+}

@@ -1,0 +1,399 @@
+//! From runs and a catalogue to a diagnosis: the search, what has no name, and what is told of both.
+
+use super::random_effect::Unnamed;
+use super::search::{self, Fitted, Search};
+use super::separating::separating;
+use super::state::{Ground, State};
+use crate::candidates::extended_model::place;
+use crate::candidates::fitted_model::FittedModel;
+use crate::candidates::initial_fit::{Thoroughness, initial_fits, plain_fit};
+use crate::candidates::place::PlaceKind;
+use crate::candidates::runs::{DiagnosisOptions, Domain, Runs, apart, interval, prepared, thinned};
+use crate::candidates::written_model::{WrittenModel, at_values, squares, written_model};
+use crate::candidates::DiagnosisError;
+use crate::diagnosis::{
+    Alternative, Biased, Cause, Diagnosis, Explanation, FrontModel, FrontOutput, NewValue, OutputGain, Overlay,
+    UnnamedCause, Verdict,
+};
+use crate::evidence::binning::Binning;
+use crate::lack_of_fit::{LackOfFit, RunResidual, lack_of_fit};
+use fdm_effects::{Candidate, Catalogue, Subject};
+use fdm_estimate::residuals::OutputFit;
+use fdm_estimate::{Work, changed};
+use fdm_system::model::Model;
+use fdm_system::record::Run;
+use std::collections::BTreeSet;
+
+/// Ratio of squared errors on validation runs up to which a set predicts as well.
+const AS_WELL: f64 = 1.02;
+
+/// Finds what is missing from a model: fits it as it stands, and goes from set of effects to set by the evidence of the written model.
+///
+/// `validation` are runs that take no part in plain fits: effects must predict them as well. Work that is to end begins nothing any more: what was
+/// accepted by then is the result, and it says that it was stopped.
+///
+/// # Errors
+/// [`DiagnosisError`]; a search that finds nothing is a [`Diagnosis`]. [`DiagnosisError::Stopped`] before the base model is fitted.
+pub fn diagnose(
+    model: &Model,
+    runs: &[Run],
+    validation: &[Run],
+    catalogue: &Catalogue,
+    options: &DiagnosisOptions,
+    work: &Work<'_>,
+) -> Result<Diagnosis, DiagnosisError> {
+    apart(runs, validation)?;
+    let of = |run: &Run| prepared(run, &options.domain);
+    let found: Vec<(Run, Option<String>)> = runs.iter().chain(validation).map(of).collect::<Result<_, _>>()?;
+    let (all, notes): (Vec<Run>, Vec<Option<String>>) = found.into_iter().unzip();
+    let mut notes: Vec<String> = notes.into_iter().flatten().collect();
+    let subject = Subject::new(model.source(), model.definition()).map_err(DiagnosisError::Text)?;
+    let candidates = catalogue.places(&subject).candidates.len();
+    let (all, fewer) = thinned(all, model.layout().outputs, candidates, &options.domain);
+    notes.extend(fewer);
+    let domain = options.domain.settled(&changed(model, &options.fit.changes)?, &all[..runs.len()])?;
+    let runs = Runs { all: &all, train: runs.len(), domain: &domain };
+    if runs.train().iter().all(|run| run.measured.iter().all(|z| z.is_nan())) {
+        return Err(DiagnosisError::NothingMeasured);
+    }
+    if runs.train().iter().all(|run| is_still(run, model.layout().outputs)) {
+        return Err(DiagnosisError::Still);
+    }
+    work.stage("fitting the base model");
+    let first = initial_fits(model, runs, options, work)?.into_iter().next();
+    let first = first.ok_or_else(|| DiagnosisError::NoFit("it has no end".into()))?;
+    let names = names(model);
+    let fresh = |c: &Candidate| c.targets().iter().all(|t| names.contains(t));
+    let candidates: Vec<Candidate> = catalogue.places(&first.subject).candidates.into_iter().filter(fresh).collect();
+    if candidates.is_empty() {
+        return Err(DiagnosisError::NoPlaces);
+    }
+    let searched = Runs { train: runs.all.len(), ..runs };
+    let ground = Ground {
+        runs: searched,
+        binning: Binning::new(&first, searched),
+        candidates: candidates.len(),
+        deviations: deviations(&first, runs),
+        work,
+    };
+    let judge = Judge { first: &first, runs, options, work };
+    let mut found = judge.diagnosis(&ground, &candidates)?;
+    found.notes.splice(0..0, notes);
+    Ok(found)
+}
+
+/// Whether every one of the `q` outputs has one value wherever it was measured.
+fn is_still(run: &Run, q: usize) -> bool {
+    (0..q).all(|k| {
+        let mut values = run.measured.iter().skip(k).step_by(q).filter(|z| !z.is_nan());
+        values.next().is_none_or(|first| values.all(|z| z == first))
+    })
+}
+
+/// Everything that the user gave a name.
+fn names(model: &Model) -> BTreeSet<String> {
+    let definition = model.definition();
+    let inputs = definition.inputs.iter().map(|i| &i.quantity);
+    let states = definition.states.iter().map(|s| &s.quantity);
+    let outputs = definition.outputs.iter().map(|o| &o.quantity);
+    let params = definition.params.iter().map(|p| &p.quantity);
+    inputs.chain(states).chain(outputs).chain(params).map(|q| q.name.clone()).collect()
+}
+
+/// Standard deviation of what was measured of each output.
+fn deviations(first: &FittedModel, runs: Runs<'_>) -> Vec<f64> {
+    let q = first.outputs();
+    let of = |o: usize| {
+        let measured = runs.all.iter().flat_map(|run| run.measured.iter().skip(o).step_by(q));
+        let values: Vec<f64> = measured.copied().filter(|z| !z.is_nan()).collect();
+        let n = values.len().max(1) as f64;
+        let mean = values.iter().sum::<f64>() / n;
+        (values.iter().map(|z| (z - mean).powi(2)).sum::<f64>() / n).sqrt().max(f64::MIN_POSITIVE)
+    };
+    (0..q).map(of).collect()
+}
+
+/// What a search is judged with.
+struct Judge<'a> {
+    first: &'a FittedModel,
+    runs: Runs<'a>,
+    options: &'a DiagnosisOptions,
+    work: &'a Work<'a>,
+}
+
+impl Judge<'_> {
+    /// The text of a state fitted plainly to the training runs, at the values that stand in it.
+    fn plain(&self, state: &State) -> Option<WrittenModel> {
+        let fitted = state.fitted(self.runs)?;
+        let asked = (self.options, self.work);
+        let found = plain_fit(&fitted, &state.theta, self.runs, asked, Thoroughness::Once).ok()?;
+        at_values(&found, &found.theta, &self.first.response, self.runs)
+    }
+
+    fn diagnosis(&self, ground: &Ground<'_>, candidates: &[Candidate]) -> Result<Diagnosis, DiagnosisError> {
+        let Self { first, runs, options, work } = *self;
+        let base = State::base(first, ground.runs).ok_or_else(|| DiagnosisError::NoFit("it has no response".into()))?;
+        work.stage(&format!("searching among {} candidates", candidates.len()));
+        let predicts = |new: &State, old: &State| {
+            let ratio = |state: &State| self.plain(state).and_then(|w| w.validation).unwrap_or(f64::INFINITY);
+            runs.validation().is_empty() || ratio(new) <= AS_WELL * ratio(old)
+        };
+        let search = Search { ground, base, candidates, most: options.most, predicts: &predicts };
+        let none = || DiagnosisError::NoFit("it has no derivatives at the estimates".into());
+        let found = search.run().ok_or_else(none)?;
+        work.stage("looking for what has no name");
+        let null = (&found.null.0, &found.null.1);
+        let in_time = *runs.domain == Domain::Time && work.goes_on();
+        let (courses, laws) = match in_time {
+            true => (ground.disturbances(null), ground.laws(null)),
+            false => (Vec::new(), Vec::new()),
+        };
+        let explanations = explanations(&found, &courses, &laws);
+        let verdict = explanations.first().map_or(Verdict::NoEffectFound, |e| e.verdict);
+        let named = verdict == Verdict::EffectFound;
+        let state = &found.best.0;
+        let written = match named.then(|| state.fitted(runs)).flatten() {
+            None => None,
+            Some(fitted) => {
+                let asked = (runs, options, work);
+                written_model(&fitted, &state.theta, &first.response, asked, Thoroughness::Once).ok()
+            }
+        };
+        let mut unnamed: Vec<UnnamedCause> = courses.into_iter().chain(laws).map(unnamed).collect();
+        unnamed.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+        let after = written.as_ref().map_or(&first.response, |w| &w.fitted.response);
+        Ok(Diagnosis {
+            verdict,
+            causes: found.causes.iter().filter(|_| named).map(|cause| told(&found.best, cause)).collect(),
+            explanations,
+            unnamed,
+            front: self.front(&found, written.as_ref()),
+            steps: found.steps,
+            left_out: found.left_out,
+            biased: if named { biased(&found.null, &found.best) } else { Vec::new() },
+            outputs: self.outputs(after, &left(ground, &found.best)),
+            overlays: self.overlays(after),
+            extended: written.map(|w| w.text),
+            ended: if found.stopped { "it was stopped".into() } else { "no further set of effects is likelier".into() },
+            stopped: found.stopped,
+            lack_of_fit: self.lack_of_fit(),
+            notes: Vec::new(),
+            spectral: first.spectral(),
+        })
+    }
+
+    /// What is wrong with the model as it was given; nothing in the frequency domain.
+    fn lack_of_fit(&self) -> Vec<LackOfFit> {
+        let Self { first, runs, .. } = self;
+        if *runs.domain != Domain::Time {
+            return Vec::new();
+        }
+        let residuals: Vec<Vec<f64>> =
+            runs.train().iter().enumerate().map(|(r, run)| first.predictors[r].left_by(run, &first.response[r])).collect();
+        let mut left = Vec::new();
+        for (run, residual) in runs.train().iter().zip(&residuals) {
+            left.push(RunResidual { run, residual, interval: interval(run) });
+        }
+        lack_of_fit(&first.model, &left)
+    }
+
+    /// Stages of the search as they are written.
+    fn front(&self, found: &search::Found, last: Option<&WrittenModel>) -> Vec<FrontModel> {
+        let null = found.null.1.log;
+        let stages = if last.is_some() { &found.stages[..] } else { &found.stages[..1] };
+        let end = stages.len() - 1;
+        let of = |(k, (state, log)): (usize, &(State, f64))| -> Option<FrontModel> {
+            let own;
+            let written = match last.filter(|_| k == end && k > 0) {
+                Some(last) => Some(last),
+                None if k == 0 => None,
+                None => {
+                    own = self.plain(state)?;
+                    Some(&own)
+                }
+            };
+            Some(self.described(state, log - null, written, k == end && last.is_some()))
+        };
+        stages.iter().enumerate().filter_map(of).collect()
+    }
+
+    fn described(&self, state: &State, evidence: f64, written: Option<&WrittenModel>, recommended: bool) -> FrontModel {
+        let Self { first, runs, .. } = self;
+        let response = written.map_or(&first.response, |w| &w.fitted.response);
+        let rms = |range: std::ops::Range<usize>| {
+            let own = squares(first, response, *runs, range);
+            own.into_iter().map(|(sum, n)| (n > 0).then(|| (sum / n as f64).sqrt())).collect::<Vec<Option<f64>>>()
+        };
+        let (training, validation) = (rms(0..runs.train), rms(runs.train..runs.all.len()));
+        let outputs = first.model.definition().outputs.iter().enumerate().map(|(o, output)| FrontOutput {
+            output: output.quantity.name.clone(),
+            unit: output.quantity.unit.as_ref().map(ToString::to_string),
+            rms_training: training[o],
+            rms_validation: validation[o],
+        });
+        let validated = !runs.validation().is_empty();
+        FrontModel {
+            effects: state.effects.iter().map(|e| place(&e.candidate)).collect(),
+            parameters: state.effects.iter().map(super::state::Placed::numbers).sum(),
+            evidence,
+            error_training: written.map_or(1.0, |w| w.training.sqrt()),
+            error_validation: validated.then(|| written.map_or(Some(1.0), |w| w.validation.map(f64::sqrt))).flatten(),
+            outputs: outputs.collect(),
+            recommended,
+        }
+    }
+
+    /// How outputs are matched before and after; `left` is what the likeliest explanation leaves of each.
+    fn outputs(&self, after: &[Vec<f64>], left: &[f64]) -> Vec<OutputGain> {
+        let Self { first, runs, .. } = self;
+        let outputs = &first.model.definition().outputs;
+        let mut found = Vec::new();
+        for (r, run) in runs.all.iter().enumerate() {
+            let measured = first.predictors[r].measured(run);
+            // bins of a band: what they have together is spread over all samples
+            let spread =
+                first.predictors[r].frequencies().map_or(1.0, |f| (f.len() as f64 / run.len() as f64).sqrt());
+            for (o, output) in outputs.iter().enumerate() {
+                let name = &output.quantity.name;
+                let fit = |response: &[f64]| OutputFit::new(name, &run.name, &measured, response, o, outputs.len());
+                let (a, b) = (fit(&first.response[r]), fit(&after[r]));
+                found.push(OutputGain {
+                    run: run.name.clone(),
+                    validation: r >= runs.train,
+                    output: name.clone(),
+                    unit: output.quantity.unit.as_ref().map(ToString::to_string),
+                    rms_before: a.rms.map(|rms| spread * rms),
+                    rms_after: b.rms.map(|rms| spread * rms),
+                    noise_level: spread * left[o],
+                    tic_before: a.tic,
+                    tic_after: b.tic,
+                    r2_before: a.r2,
+                    r2_after: b.r2,
+                });
+            }
+        }
+        found
+    }
+
+    /// Both responses of every run over time; none in the frequency domain.
+    fn overlays(&self, after: &[Vec<f64>]) -> Vec<Overlay> {
+        let Self { first, runs, .. } = self;
+        let in_time = runs.all.iter().enumerate().filter(|(r, _)| first.predictors[*r].frequencies().is_none());
+        let of = |(r, run): (usize, &Run)| Overlay {
+            run: run.name.clone(),
+            validation: r >= runs.train,
+            time: run.time.clone(),
+            measured: run.measured.clone(),
+            before: first.response[r].clone(),
+            after: after[r].clone(),
+        };
+        in_time.map(of).collect()
+    }
+}
+
+/// Every kind of explanation with its probability, the likeliest first.
+fn explanations(found: &search::Found, courses: &[Unnamed], laws: &[Unnamed]) -> Vec<Explanation> {
+    let sum = |of: &mut dyn Iterator<Item = f64>| {
+        let logs: Vec<f64> = of.collect();
+        let most = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        if most.is_finite() { most + logs.iter().map(|l| (l - most).exp()).sum::<f64>().ln() } else { most }
+    };
+    let at = |output: bool| {
+        sum(&mut courses.iter().filter(|u| (u.place.kind == PlaceKind::Output) == output).map(|u| u.log))
+    };
+    let gained = found.best.1.log - found.null.1.log;
+    let effects = if found.best.0.effects.is_empty() { found.together } else { gained.max(found.together) };
+    let of = [
+        (Verdict::NoEffectFound, 0.0),
+        (Verdict::EffectFound, effects),
+        (Verdict::Disturbance, at(false)),
+        (Verdict::Law, sum(&mut laws.iter().map(|u| u.log))),
+        (Verdict::UnknownCause, at(true)),
+    ];
+    let all = sum(&mut of.iter().map(|(_, log)| *log));
+    let mut found: Vec<Explanation> = of
+        .into_iter()
+        .filter(|(_, log)| log.is_finite())
+        .map(|(verdict, evidence)| Explanation { verdict, evidence, probability: (evidence - all).exp() })
+        .collect();
+    found.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+    found
+}
+
+fn unnamed(found: Unnamed) -> UnnamedCause {
+    UnnamedCause { place: found.place, signal: found.signal, evidence: found.log }
+}
+
+/// Root mean square of what the state leaves of each output.
+fn left(ground: &Ground<'_>, (_, judged): &Fitted) -> Vec<f64> {
+    let (binning, grams) = (&ground.binning, &judged.linear.grams);
+    let of = |output: usize| {
+        let segments = binning.runs.iter().flat_map(|r| &r.segments).filter(|s| s.place / binning.bands == output);
+        let bins: usize = segments.map(|s| s.end - s.begin).sum();
+        (grams.residual_powers(output).iter().sum::<f64>() / bins.max(1) as f64).sqrt()
+    };
+    (0..binning.outputs).map(of).collect()
+}
+
+/// A cause as it is told.
+fn told((state, judged): &Fitted, cause: &search::Cause) -> Cause {
+    let placed = &state.effects[cause.effect];
+    let own = place(&placed.candidate);
+    let q = judged.evidence.mean.len();
+    let parameters = placed.params.iter().zip(&placed.at).filter(|(p, _)| p.begins_as.is_none()).map(|(p, at)| {
+        let column = state.text.shared.iter().position(|s| s == at);
+        NewValue {
+            name: p.name.clone(),
+            doc: p.doc.clone(),
+            value: state.theta[0][*at],
+            standard_error: column.map(|c| judged.evidence.covariance[c * q + c].max(0.0).sqrt()),
+            unit: p.unit.as_ref().map(|u| u.text().to_string()),
+            null: (!p.nuisance).then_some(p.null),
+        }
+    });
+    let whole = 1.0 + cause.group.iter().map(|(_, evidence)| evidence.exp()).sum::<f64>();
+    let alternative = |(candidate, evidence): &(Candidate, f64)| Alternative {
+        place: place(candidate),
+        evidence: *evidence,
+        probability: evidence.exp() / whole,
+    };
+    let group: Vec<Alternative> = cause.group.iter().map(alternative).collect();
+    Cause {
+        doc: placed.candidate.doc(),
+        parameters: parameters.collect(),
+        loss: cause.loss,
+        probability: 1.0 / whole,
+        separating_experiment: group.first().map(|other| separating(&own, &other.place)),
+        group,
+        place: own,
+    }
+}
+
+/// Parameters of the base model before and after.
+fn biased(null: &Fitted, best: &Fitted) -> Vec<Biased> {
+    let error = |(state, judged): &Fitted, k: usize| {
+        let q = judged.evidence.mean.len();
+        let column = state.text.shared.iter().position(|s| *s == k);
+        column.map(|c| judged.evidence.covariance[c * q + c].max(0.0).sqrt())
+    };
+    let (from, to) = (null.0.text.model.definition(), best.0.text.model.definition());
+    let of = |(k, param): (usize, &fdm_grammar::model::Param)| {
+        if param.fixed || param.per_run {
+            return None;
+        }
+        let at = to.param(&param.quantity.name)?;
+        let (before, after) = (null.0.theta[0][k], best.0.theta[0][at]);
+        let before_error = error(null, k);
+        Some(Biased {
+            name: param.quantity.name.clone(),
+            run: None,
+            unit: param.quantity.unit.as_ref().map(ToString::to_string),
+            before,
+            before_error,
+            after,
+            after_error: error(best, at),
+            moved: before_error.filter(|e| *e > 0.0).map(|e| (after - before) / e),
+        })
+    };
+    from.params.iter().enumerate().filter_map(of).collect()
+}
