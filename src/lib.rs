@@ -14,8 +14,6 @@ pub use fdm_cli::language_server as lsp;
 #[doc(hidden)]
 pub use fdm_cli::main_with;
 #[cfg(feature = "discover")]
-pub use fdm_infer as diagnose;
-#[cfg(feature = "discover")]
 pub use fdm_effects as effect;
 pub use fdm_estimate as estimate;
 pub use fdm_estimate::methods::equation_error;
@@ -24,6 +22,8 @@ pub use fdm_estimate::residuals;
 pub use fdm_grammar as grammar;
 #[doc(hidden)]
 pub use fdm_grammar::math;
+#[cfg(feature = "discover")]
+pub use fdm_infer as diagnose;
 #[cfg(feature = "report")]
 pub use fdm_lab::{design, experiment, job, posterior, requirement, study};
 #[cfg(feature = "report")]

@@ -35,7 +35,7 @@ fn diagnosed(name: &str, model: &Model, runs: &[Run], held: &[Run]) -> Diagnosis
 fn diagnosed_by(name: &str, model: &Model, (runs, held): (&[Run], &[Run]), options: &DiagnosisOptions) -> Diagnosis {
     let begun = Instant::now();
     let found = diagnose(model, runs, held, &Catalogue::standard(), options, &Work::default()).unwrap();
-    println!("{name}: {:?}, p {:.1e}, {:.1} s", found.verdict, found.family_wise_p, begun.elapsed().as_secs_f64());
+    println!("{name}: {:?} ({:.2}), {:.1} s", found.verdict, found.explanations[0].probability, begun.elapsed().as_secs_f64());
     for cause in &found.causes {
         let group: Vec<String> = cause.group.iter().map(|r| r.place.to_string()).collect();
         let values: Vec<String> = cause
@@ -43,13 +43,7 @@ fn diagnosed_by(name: &str, model: &Model, (runs, held): (&[Run], &[Run]), optio
             .iter()
             .map(|p| format!("{} {:.4} +- {:.4}", p.name, p.value, p.standard_error.unwrap_or(f64::NAN)))
             .collect();
-        println!(
-            "  {} ({}), gain {:.1}, held out {:.1?}, group {group:?}",
-            cause.place,
-            values.join(", "),
-            cause.gain_training,
-            cause.gain_validation
-        );
+        println!("  {} ({}), {:.1} nats, group {group:?}", cause.place, values.join(", "), cause.loss);
     }
     for output in &found.outputs {
         println!(
@@ -68,11 +62,8 @@ fn diagnosed_by(name: &str, model: &Model, (runs, held): (&[Run], &[Run]), optio
             biased.name, biased.before, biased.after, biased.moved
         );
     }
-    if let Some(feedback) = &found.feedback {
-        println!("  {:?} follow the states; hidden: {} effects", feedback.inputs, feedback.hidden.len());
-    }
-    for said in found.attribution.iter().flat_map(|a| &a.warnings) {
-        println!("  still: {said}");
+    for unnamed in found.unnamed.iter().take(3) {
+        println!("  {} {:?}: {:.1} nats", unnamed.place, unnamed.signal, unnamed.evidence);
     }
     found
 }
@@ -181,6 +172,4 @@ fn hover_under_four_loops() {
     assert!((lag.value - 0.12).abs() < 4.0 * lag.standard_error.unwrap(), "{lag:?}");
     let damping = found.biased.iter().find(|b| b.name == "Mq").unwrap();
     assert!((damping.before + 0.5).abs() > 0.4 && (damping.after + 0.5002).abs() < 0.01, "{damping:?}");
-    let feedback = found.feedback.unwrap();
-    assert!(feedback.inputs.iter().any(|i| i.input == "longitudinal") && !feedback.hidden.is_empty());
 }

@@ -10,7 +10,7 @@ fn told(found: &Diagnosis) -> (String, f64, String, usize) {
         Some(c) => {
             let p = &c.parameters[0];
             let value = format!("{:.4}+-{:.4}", p.value, p.standard_error.unwrap_or(f64::NAN));
-            (c.place.to_string(), c.gain_training, value, c.group.len())
+            (c.place.to_string(), c.loss, value, c.group.len())
         }
         None => (format!("{:?}", found.verdict), 0.0, String::new(), 0),
     }
@@ -39,7 +39,7 @@ fn domains() {
                     .iter()
                     .map(|(d, s)| {
                         let (place, gain, value, group) = told(d);
-                        format!("{place:26} {gain:8.1} {value:18} group {group} p {:.0e} {s:4.1} s", d.family_wise_p)
+                        format!("{place:26} {gain:8.1} {value:18} group {group} ({:.2}) {s:4.1} s", d.explanations[0].probability)
                     })
                     .collect();
                 println!(
@@ -80,8 +80,8 @@ fn hover_in_both_domains() {
             Ok(found) => {
                 let (place, gain, value, group) = told(&found);
                 println!(
-                    "{place} gain {gain:.1} {value} group {group} p {:.0e}, {:?}",
-                    found.family_wise_p,
+                    "{place} gain {gain:.1} {value} group {group} ({:.2}), {:?}",
+                    found.explanations[0].probability,
                     begin.elapsed()
                 );
             }

@@ -1,9 +1,9 @@
 //! The best models of a diagnosis, fitted as they are written: what `fdm compare` averages over where it is given a diagnosis.
 
 use crate::failure::{Failure, OrFailure, remark};
-use fdm_infer::EffectAt;
 use fdm_effects::Catalogue;
 use fdm_estimate::{Changes, FitOptions, fit};
+use fdm_infer::EffectAt;
 use fdm_results::documents::{DiagnosisDocument, from_text};
 use fdm_results::store::{Contents, DataFile, Manifest, ResultError, ResultFolder, whole_files};
 use fdm_session::campaign::{RecordFile, Role};

@@ -24,11 +24,11 @@ pub(crate) fn ordinal(k: usize) -> f64 {
 }
 
 /// Signals at the samples of one run, N by q row-major.
-pub type Signals = Vec<f64>;
+pub(crate) type Signals = Vec<f64>;
 
 /// Rows of a run at which something was measured, rising. Of a thousand directions nothing else is kept.
 #[derive(Debug, Clone, PartialEq)]
-pub struct MeasuredRows {
+pub(crate) struct MeasuredRows {
     list: Arc<[usize]>,
     /// Mean time between them, where the rows of the run are not even: a row may be there for its inputs alone.
     interval: Option<f64>,
@@ -52,11 +52,6 @@ impl MeasuredRows {
     pub(crate) fn taken(rows: Option<&Self>, signal: Signals, channels: usize) -> Signals {
         let Some(Self { list, .. }) = rows else { return signal };
         list.iter().flat_map(|k| &signal[k * channels..][..channels]).copied().collect()
-    }
-
-    /// The rows, and the time between them, where those of the run are not even.
-    pub(crate) fn uneven(&self) -> Option<(&[usize], f64)> {
-        self.interval.map(|interval| (&*self.list, interval))
     }
 
     /// Where directions hold these samples.

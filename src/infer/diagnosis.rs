@@ -318,7 +318,7 @@ pub struct Diagnosis {
     pub ended: String,
     /// Whether it was stopped before its end: that nothing was found then says nothing.
     pub stopped: bool,
-    /// What is wrong with every output of the model as it was given; empty in the frequency domain.
+    /// What is wrong with every output of the model as it was given.
     pub lack_of_fit: Vec<LackOfFit>,
     /// What was assumed about the runs, in sentences.
     pub notes: Vec<String>,

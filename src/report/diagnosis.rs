@@ -172,12 +172,8 @@ fn places(found: &DiagnosisDocument) -> Vec<String> {
 /// All figures of a diagnosis.
 pub(crate) fn figures(subject: &Subject, found: &DiagnosisDocument) -> Vec<Figure> {
     let time = subject.time();
-    let lack_of_fit = found
-        .lack_of_fit
-        .iter()
-        .enumerate()
-        .flat_map(|(k, m)| of_lack_of_fit(k, m, &time))
-        .chain(front_figure(found));
+    let lack_of_fit =
+        found.lack_of_fit.iter().enumerate().flat_map(|(k, m)| of_lack_of_fit(k, m, &time)).chain(front_figure(found));
     let runs = ordered(subject, &found.outputs).into_iter().enumerate();
     lack_of_fit.chain(runs.flat_map(|(k, (_, table))| overlays(k, table))).collect()
 }

@@ -2,8 +2,8 @@
 
 use super::section::{Part, Rows, Section};
 use crate::text;
-use fdm_infer::{Band, LackOfFit, Window};
 use fdm_estimate::residuals::{Baseline, OutputQuality, TicParts, Whiteness};
+use fdm_infer::{Band, LackOfFit, Window};
 use fdm_results::documents::{BandCoverage, OutputDocument, Validation, digits, fixed};
 
 /// Below this part within its 95 % band a measurement is not predicted as well as the fit says.

@@ -23,8 +23,8 @@ use crate::{
 };
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Args, Command};
-use fdm_infer::Diagnosis;
 use fdm_estimate::{Fit, Halt, Identified, Iteration, UnknownName};
+use fdm_infer::Diagnosis;
 
 use fdm_report::study_table;
 use fdm_results::documents::EffectsDocument;

@@ -2,8 +2,8 @@
 
 use crate::answer::NamedFile;
 use crate::bands::edges;
-use fdm_infer::Overlay;
 use fdm_estimate::{Fit, RunFit};
+use fdm_infer::Overlay;
 use fdm_lab::posterior::Bands;
 use fdm_report::TimeHistory;
 use fdm_system::Model;

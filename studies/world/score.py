@@ -20,7 +20,7 @@ from noises import Noise
 ROOT = Path(__file__).resolve().parents[2]
 STEADY = ("constant", "output_bias", "input_bias", "drift")
 NOTHING = ("no_effect_found", "no_missing_effect_detected")
-LAW = ("unmodelled_law", "law", "unknown_cause", "unmodelled_nonlinearity")
+LAW = ("unmodelled_law", "law", "unmodelled_nonlinearity")
 
 
 def matches(right, cause):
@@ -38,14 +38,17 @@ def said(d):
         return "no answer"
     causes = []
     for c in d.get("causes", []):
-        others = [f"{m['effect']}({', '.join(m['targets'])})" for m in c.get("group", [])[1:]]
-        gain = c["gain_training"] if c["gain_training"] is not None else float("nan")
-        held = "" if c.get("gain_validation") is None else f" / {c['gain_validation']:.0f}"
-        causes.append(f"{c['effect']}({', '.join(c['targets'])}) {gain:.0f}{held}" + (f" [or {', '.join(others[:4])}]" if others else ""))
-    p = d.get("family_wise_p")
-    sites = d.get("places") or []
-    site = f", site {sites[0]['name']}" if d["verdict"] == "disturbance" and sites else ""
-    return f"{d['verdict']}{site} (p {p:.2g}): " + ("; ".join(causes) or "-")
+        others = [f"{m['effect']}({', '.join(m['targets'])})" for m in c.get("group", [])]
+        causes.append(f"{c['effect']}({', '.join(c['targets'])}) {c['loss']:.0f}" + (f" [or {', '.join(others[:4])}]" if others else ""))
+    sites = sites_of(d)
+    site = f", site {sites[0]['name']}" if d["verdict"] in ("disturbance", "law") and sites else ""
+    return f"{d['verdict']}{site} ({d['explanations'][0]['probability']:.2f}): " + ("; ".join(causes) or "-")
+
+
+def sites_of(d):
+    """Places of what has no name, the likeliest first."""
+    law = d["verdict"] == "law"
+    return [u for u in d.get("unnamed", []) if bool(u["signal"]) == law]
 
 
 def named(d):
@@ -95,7 +98,7 @@ def judge(case, found):
     words = json.dumps([d.get("residual_analysis"), d.get("suggestions")]) if d else ""
     if truth["kind"] == "outside":
         kind, place = truth["hidden"][0]["kind"], truth["hidden"][0]["place"]
-        sites = [s["name"] for s in (d.get("places") or [])] if d else []
+        sites = [s["name"] for s in sites_of(d)] if d else []
         row["place"] = bool(sites) and place in sites[:1]
         if kind == "gust":
             row["group"] = bool(d) and d["verdict"] == "disturbance"

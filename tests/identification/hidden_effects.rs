@@ -269,12 +269,9 @@ fn a_law_without_a_name_is_a_table_in_the_text() {
     catalogue.retain(|name| names.contains(&name));
     let options = DiagnosisOptions::default();
     let found = diagnose(&model, &runs, &validation, &catalogue, &options, &Work::default()).unwrap();
-    assert_eq!(found.verdict, Verdict::UnknownCause, "{found:#?}");
+    assert_eq!(found.verdict, Verdict::Law, "{found:#?}");
     let law = found.front.iter().find(|model| model.recommended).unwrap();
     assert!(law.effects[0].effect == "law_curve", "{:#?}", found.front);
-    // the flow's coefficient as a table of the speed is the same curve in another place: no better, so no answer
-    let table = found.front.iter().find(|model| model.table.is_some());
-    assert!(table.is_none_or(|model| model.objection.is_some()), "{:#?}", found.front);
     assert_eq!(law.effects[0].targets.last().unwrap(), "u");
     assert!(law.error_validation.is_some_and(|error| error < 0.2), "{law:#?}");
     // the curve itself, beside the model's own constant and coefficient
@@ -324,17 +321,9 @@ fn a_coefficient_that_bends_is_a_smooth_table_in_the_text() {
     catalogue.retain(|name| names.contains(&name));
     let found =
         diagnose(&model, &runs, &validation, &catalogue, &DiagnosisOptions::default(), &Work::default()).unwrap();
-    let proposed = found.front.iter().find(|m| m.table.is_some()).unwrap_or_else(|| panic!("{found:#?}"));
-    let table = proposed.table.as_ref().unwrap();
-    println!("{}", table.sentence);
-    assert!(proposed.recommended, "{:#?}", found.front);
-    assert_eq!((table.coefficient.as_str(), table.signal.as_str()), ("CLa", "alpha"));
+    assert_eq!(found.verdict, Verdict::Law, "{found:#?}");
+    let proposed = found.front.iter().find(|m| m.recommended).unwrap_or_else(|| panic!("{found:#?}"));
     assert_eq!(proposed.effects.last().unwrap().to_string(), "coefficient_table(CLa, alpha)");
-    // where it bends, to a node's distance; a sharp bend in good data takes most of the nodes
-    let above = table.constant_to.unwrap();
-    assert!(table.constant_from.is_none() && (above - bend).abs() < 0.03, "{}", table.sentence);
-    assert!((2.0..17.0).contains(&table.effective_parameters), "{}", table.sentence);
-    assert!(table.gain_validation.unwrap() > 10.0 && table.p < 0.01, "{table:#?}");
     let text = found.extended.as_ref().unwrap();
     assert!(text.contains("table CLa_curve(alpha [rad])") && text.contains("smooth CLa_curve by order 2;"), "{text}");
     // the written text, its nodes beside the truth, flies the run that it has not seen
@@ -378,7 +367,7 @@ fn a_straight_lift_is_no_table() {
     let found =
         diagnose(&model, &runs, &validation, &catalogue, &DiagnosisOptions::default(), &Work::default()).unwrap();
     assert_eq!(found.verdict, Verdict::NoEffectFound, "{found:#?}");
-    assert!(found.front.iter().all(|m| m.table.is_none()) && found.extended.is_none());
+    assert!(found.extended.is_none());
 }
 
 /// A zero that is off by nine tenths of the noise, which is slow. Of so many candidates those that are taken out of a residual at first leave

@@ -11,6 +11,8 @@ pub enum Entry {
     Input(u32),
     /// Into the rate of a state, by index.
     Rate(u32),
+    /// Beside the value of a parameter, by index, wherever it stands.
+    Param(u32),
 }
 
 impl Model {
@@ -21,7 +23,7 @@ impl Model {
     /// The derivative by a factor is the response to that signal at that place, exactly linear about the model's own response.
     ///
     /// # Panics
-    /// When an index is not that of an input or a state.
+    /// When an index is not that of an input, a state or a parameter.
     pub fn forced(&self, entries: &[Entry], signals: usize) -> Self {
         let mut model = Self { graph: Graph::default(), ..self.clone() };
         model.params.iter_mut().for_each(|p| p.fixed = true);
@@ -53,6 +55,7 @@ impl Model {
             let same = graph.reference(reference);
             match reference {
                 Reference::Now(Leaf::Input(k)) => push(graph, Entry::Input(k), None, same),
+                Reference::Now(Leaf::Param(k)) => push(graph, Entry::Param(k), None, same),
                 Reference::Earlier(Signal::Input(k), tau) => push(graph, Entry::Input(k), Some(tau), same),
                 _ => same,
             }

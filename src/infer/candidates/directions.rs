@@ -6,11 +6,11 @@
 //! What an effect adds in the frequency domain: the derivative of the response at the null, or its difference from the null; exact, and
 //! nothing is integrated.
 
+use crate::bins::{MeasuredRows, Signals};
 use crate::candidates::extended_model::{AttachedEffect, SignalScales};
 use crate::candidates::fitted_model::FittedModel;
 use crate::candidates::predictor::Predictor;
 use crate::candidates::runs::{Domain, Runs};
-use crate::bins::{MeasuredRows, Signals};
 use fdm_effects::{Candidate, Choice, Kind, NewParam};
 use fdm_estimate::{BinResponse, Response, SpectralBins, SpectralOptions};
 use fdm_grammar::Schedule;
@@ -73,20 +73,6 @@ impl TrialPoint {
     /// Whether the direction is a derivative at the null.
     pub(crate) fn is_linear(&self) -> bool {
         matches!(self.shape, Shape::Linear | Shape::Rising | Shape::Joint { .. })
-    }
-
-    /// Values at a multiple of the direction, within the bounds.
-    pub(crate) fn at(&self, amount: f64, params: &[NewParam]) -> Vec<f64> {
-        let mut values = self.values.clone();
-        let NewParam { null, lower, upper, .. } = params[self.lead];
-        let value = values[self.lead];
-        let moved = match self.shape {
-            Shape::Linear | Shape::Rising | Shape::Joint { .. } => null + amount,
-            _ if null.is_finite() => null + amount * (value - null),
-            _ => value / amount.max(1e-3),
-        };
-        values[self.lead] = moved.clamp(lower, upper);
-        values
     }
 }
 
@@ -501,9 +487,9 @@ fn followed<'a>(attached: &'a AttachedEffect, end: &str) -> Option<&'a str> {
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
+    use super::*;
     use crate::candidates::extended_model::SignalScales;
     use crate::candidates::runs::Domain;
-    use super::*;
     use fdm_effects::{Catalogue, Kind};
     use fdm_system::model::Model;
     use fdm_system::record::Run;

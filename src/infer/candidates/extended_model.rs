@@ -18,9 +18,6 @@ use fdm_system::record::Run;
 use fdm_system::simulate::Simulator;
 use std::collections::BTreeMap;
 
-/// Digits of a fitted value in the extended text.
-const DIGITS: usize = 5;
-
 /// An effect at its place.
 #[derive(Clone)]
 pub(crate) struct AttachedEffect {
@@ -86,11 +83,6 @@ impl AttachedEffect {
         !self.params()[k].fixed && !self.recorded[k]
     }
 
-    /// How many parameters the effect costs: those that it adds for all runs.
-    pub(crate) fn cost(&self) -> usize {
-        (0..self.new.len()).filter(|k| self.is_estimated(*k) && self.begins[*k].is_none()).count()
-    }
-
     /// All parameters of a run, with these values of the new ones (in their order).
     pub(crate) fn theta(&self, current: &FittedModel, run: usize, values: &[f64]) -> Vec<f64> {
         self.theta_from(&current.theta[run], run, values)
@@ -119,11 +111,6 @@ impl AttachedEffect {
             _ => Role::Given,
         };
         (0..self.definition.params.len()).map(of).collect()
-    }
-
-    /// Of all parameters of a run, those of the base model.
-    pub(crate) fn base(&self, theta: &[f64]) -> Vec<f64> {
-        self.old.iter().map(|k| theta[*k]).collect()
     }
 
     /// The parameters of the extended model as a fit wants them: those of the base model as they are there.
@@ -299,11 +286,6 @@ fn states_of(current: &FittedModel, runs: &[Run]) -> Vec<Vec<f64>> {
     runs.iter().zip(current.theta.iter().zip(&current.predictors)).map(of).collect()
 }
 
-/// Values of the new parameters in a vector of all.
-pub(crate) fn new_values(attached: &AttachedEffect, theta: &[f64]) -> Vec<f64> {
-    attached.new.iter().map(|k| theta[*k]).collect()
-}
-
 /// The name under which results speak of a candidate.
 pub(crate) fn place(candidate: &Candidate) -> EffectAt {
     EffectAt { effect: candidate.effect().name().to_string(), targets: candidate.targets().to_vec() }
@@ -315,11 +297,4 @@ pub(crate) fn grown(text: &AttachedEffect, current: &FittedModel) -> Result<Mode
     let params = text.fitted_params(current);
     let same = params.len() == extended.definition().params.len();
     Ok(if same { extended.with_params(params) } else { extended })
-}
-
-/// Values of the new parameters as they are written into the text.
-pub(crate) fn written(attached: &AttachedEffect, theta: &[f64]) -> Choice {
-    let short = |v: f64| format!("{v:.*e}", DIGITS - 1).parse().unwrap_or(v);
-    let values = attached.params().iter().zip(new_values(attached, theta));
-    values.filter(|(p, _)| p.begins_as.is_none()).map(|(p, v)| (p.local.clone(), short(v))).collect()
 }

@@ -2,10 +2,10 @@
 //!
 //! A fitted model fitted by one noise: to the training runs, and to the validation runs with all that is shared as it is.
 
+use crate::bins::Signals;
 use crate::candidates::error::DiagnosisError;
 use crate::candidates::predictor::Predictor;
 use crate::candidates::runs::Runs;
-use crate::bins::Signals;
 use crate::diagnosis::FrequencyDomain;
 use fdm_effects::Subject;
 use fdm_grammar::model::Param;
@@ -51,23 +51,6 @@ impl FittedModel {
     pub(crate) fn spectral(&self) -> Option<FrequencyDomain> {
         self.predictors.first().and_then(Predictor::told)
     }
-
-    /// What the columns of its records are derivatives by: what all runs share, and what belongs to each run.
-    pub(crate) fn columns(&self, runs: Runs<'_>) -> (Vec<usize>, Vec<usize>) {
-        let (shared, own) = free(self.params());
-        let predictor = self.predictors.first().filter(|_| runs.train > 0);
-        predictor
-            .map_or((shared.clone(), own.clone()), |predictor| predictor.columns((shared, own), self.params().len()))
-    }
-}
-
-/// Free parameters (by index): those that all runs share, those of each run.
-fn free(params: &[Param]) -> (Vec<usize>, Vec<usize>) {
-    let pick = |own: bool| {
-        let chosen = params.iter().enumerate().filter(move |(_, p)| !p.fixed && p.per_run == own);
-        chosen.map(|(k, _)| k).collect()
-    };
-    (pick(false), pick(true))
 }
 
 /// Parameters of each run with what all runs share from elsewhere.

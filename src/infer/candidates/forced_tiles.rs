@@ -5,6 +5,7 @@
 //! not once for each candidate and value. A candidate that cannot stand in a tile is simulated by itself (`directions`): one with finite
 //! values, with delays, of stiff models, or whose tile diverges.
 
+use crate::bins::{MeasuredRows, Signals};
 use crate::candidates::directions::{
     ACCURATE, CandidateDirections, MOST_HALVINGS, TrialPoint, attached, candidate_directions, difference, kept,
     steps_at,
@@ -13,7 +14,6 @@ use crate::candidates::extended_model::{AttachedEffect, SignalScales};
 use crate::candidates::fitted_model::FittedModel;
 use crate::candidates::predictor::Predictor;
 use crate::candidates::runs::{Domain, Runs};
-use crate::bins::{MeasuredRows, Signals};
 use fdm_effects::Candidate;
 use fdm_effects::forced::Forced;
 use fdm_estimate::Work;

@@ -6,9 +6,9 @@ use crate::candidates::runs::{DiagnosisOptions, Domain, Runs};
 use fdm_estimate::{
     Changes, Continuation, Estimate, Fit, FitError, FitOptions, SpectralOptions, Work, fit, fit_spectra, starts,
 };
+use fdm_grammar::model::Param;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
-use fdm_grammar::model::Param;
 
 /// Parts of the record that are fitted first where the start values lead nowhere.
 const SHARES: [f64; 2] = [0.25, 0.5];
@@ -84,15 +84,6 @@ fn first_in_time(
 /// Iterations of a fit that begins at the estimates of a joint one.
 const QUICK: usize = 40;
 
-/// How much is done for a plain fit of an extended model.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Thoroughness {
-    /// As `fit` would from the values given, without fallback strategies.
-    Once,
-    /// As `fit` would.
-    Whole,
-}
-
 /// An extended model as a plain fit from these values has it.
 ///
 /// # Errors
@@ -102,41 +93,18 @@ pub(crate) fn plain_fit(
     theta: &[Vec<f64>],
     runs: Runs<'_>,
     (options, work): (&DiagnosisOptions, &Work<'_>),
-    thoroughness: Thoroughness,
 ) -> Result<FittedModel, String> {
-    plain_fit_told(current, theta, runs, (options, work), thoroughness).map(|(fitted, _)| fitted)
-}
-
-/// Fits plainly as `fit` would, with what it tells of the training runs.
-///
-/// # Errors
-/// Why there is none, in words.
-pub(crate) fn plain_fit_told(
-    current: &FittedModel,
-    theta: &[Vec<f64>],
-    runs: Runs<'_>,
-    (options, work): (&DiagnosisOptions, &Work<'_>),
-    thoroughness: Thoroughness,
-) -> Result<(FittedModel, Estimate), String> {
     let mut params = current.params().to_vec();
     for (param, value) in params.iter_mut().zip(theta.iter().flatten()).filter(|(p, _)| !p.fixed && !p.per_run) {
         param.value = value.clamp(param.lower, param.upper);
     }
-    let how = match thoroughness {
-        Thoroughness::Once => once(options),
-        Thoroughness::Whole => {
-            let mut how = FitOptions { changes: Changes::default(), ..options.fit.clone() };
-            how.options.colour = false;
-            how
-        }
-    };
+    let how = once(options);
     let fits = plainly(&current.model.with_params(params), runs.train(), &how, work).map_err(|e| e.to_string())?;
     let best = fits.first().ok_or("it has no end")?;
     if !best.estimate.termination.is_good() {
         return Err(best.estimate.termination.to_string());
     }
-    let fitted = with_validation_runs(best, runs, (&how, work)).map_err(|e| e.to_string())?;
-    Ok((fitted, best.estimate.clone()))
+    with_validation_runs(best, runs, (&how, work)).map_err(|e| e.to_string())
 }
 
 /// Values of all runs with what belongs to each of them by output error, and what they share as it is; none where there is no response.

@@ -1,5 +1,6 @@
 //! Candidates in a model: the model at its fit, an effect in its text, what it adds to the responses, and the text as it is written.
 
+pub(crate) mod coefficient_text;
 pub(crate) mod directions;
 mod error;
 pub(crate) mod extended_model;

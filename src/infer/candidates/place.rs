@@ -14,6 +14,8 @@ pub enum PlaceKind {
     Equation,
     /// Into the record of an output: its sensor.
     Output,
+    /// Beside a parameter, wherever it stands.
+    Coefficient,
 }
 
 /// A place, by name.
@@ -21,7 +23,7 @@ pub enum PlaceKind {
 pub struct Place {
     /// What it is.
     pub kind: PlaceKind,
-    /// Its index among the model's inputs, states or outputs.
+    /// Its index among the model's inputs, states, outputs or parameters.
     pub index: usize,
     /// Its name.
     pub name: String,
@@ -53,6 +55,7 @@ impl Place {
         match self.kind {
             PlaceKind::Input => Some(Entry::Input(self.index as u32)),
             PlaceKind::Equation => Some(Entry::Rate(self.index as u32)),
+            PlaceKind::Coefficient => Some(Entry::Param(self.index as u32)),
             PlaceKind::Output => None,
         }
     }
@@ -64,7 +67,7 @@ impl std::fmt::Display for Place {
             PlaceKind::Input => write!(f, "the input {}", self.name),
             PlaceKind::Equation => write!(f, "der({})", self.name),
             PlaceKind::Output => write!(f, "the sensor of {}", self.name),
+            PlaceKind::Coefficient => write!(f, "the coefficient {}", self.name),
         }
     }
 }
-

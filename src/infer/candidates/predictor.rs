@@ -1,9 +1,10 @@
 //! The way from a model to what is compared with a run: its steps in time, or the bins of the run's spectrum.
 
+use crate::bins::Signals;
 use crate::candidates::error::DiagnosisError;
 use crate::candidates::runs::{Domain, Runs};
-use crate::bins::{MeasuredRows, Signals};
 use crate::diagnosis::FrequencyDomain;
+use crate::lack_of_fit::BinnedResidual;
 use fdm_estimate::residuals::residuals;
 use fdm_estimate::{Response, SpectralBins};
 use fdm_system::dynamics::Dynamics;
@@ -12,8 +13,6 @@ use fdm_system::record::Run;
 use fdm_system::simulate::{Divergence, Simulator, StepOptions, Steps, choose_steps};
 use std::sync::Arc;
 
-/// Steps of an interval that are not halved for a fit: kinks want more of them than they are worth.
-const ENOUGH: usize = 8;
 /// Part of the noise's deviation that an integration error may have.
 const HIDDEN: f64 = 0.02;
 /// And of an output's range, at most.
@@ -163,14 +162,6 @@ impl Predictor {
         Ok(Linearised { residual: self.left_by(run, &y), columns: (0..shared.len() + own.len()).map(column).collect() })
     }
 
-    /// Rows of a run at which directions are kept; none where that is all of them.
-    fn rows(&self, run: &Run, outputs: usize) -> Option<MeasuredRows> {
-        match self {
-            Self::Steps(_) => MeasuredRows::of(&run.measured, outputs, &run.time),
-            Self::Bins { .. } => None,
-        }
-    }
-
     /// Of free parameters (those that all runs share, those of each run) those that its responses show; behind the parameters (p) what
     /// belongs to a run alone.
     pub(crate) fn columns(
@@ -184,6 +175,13 @@ impl Predictor {
             own.extend(p..p + bins.own().count());
         }
         (shared, own)
+    }
+
+    /// A run and a response in bins; none in time.
+    pub(crate) fn binned(&self, response: &[f64]) -> Option<BinnedResidual> {
+        let Self::Bins { bins, run } = self else { return None };
+        let (frequency, samples) = (bins.frequencies(*run), bins.samples(*run));
+        Some(BinnedResidual { frequency, measured: bins.measured(*run), response: response.to_vec(), samples })
     }
 
     /// What is told of the frequency domain; none in time.

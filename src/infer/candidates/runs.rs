@@ -3,7 +3,6 @@
 //! Where models are compared with records: sample by sample in time, or bin by bin of their spectra.
 
 use crate::candidates::error::DiagnosisError;
-use crate::bins::MeasuredRows;
 use fdm_estimate::{FitOptions, Nonlinear, SpectralBins, SpectralError, SpectralOptions};
 use fdm_system::model::Model;
 use fdm_system::record::even_grid::{EvenGrid, LONGEST_GAP};
@@ -211,16 +210,6 @@ pub(crate) fn is_even(run: &Run) -> bool {
     EvenGrid::of(&run.time).is_ok_and(|grid| grid.length() == run.len())
 }
 
-/// How many measurements of an output a run holds, and the time between them; of one with even rows as many as it has rows.
-pub(crate) fn sampling(run: &Run, (o, q): (usize, usize)) -> (usize, f64) {
-    let rows = MeasuredRows::of(&run.measured, q, &run.time);
-    if rows.as_ref().and_then(MeasuredRows::uneven).is_none() {
-        return (run.len(), interval(run));
-    }
-    let samples: Vec<usize> = (0..run.len()).filter(|row| !run.measured[row * q + o].is_nan()).collect();
-    (samples.len(), MeasuredRows::between(rows.as_ref(), &samples, interval(run)))
-}
-
 /// Whether every k-th sample of the inputs says all of them, as they are interpolated: what is lost would be taken for an effect.
 fn keeps_inputs(run: &Run, k: usize) -> bool {
     let (n, m) = (run.len(), run.held.len());
@@ -381,11 +370,7 @@ pub struct DiagnosisOptions {
 
 impl Default for DiagnosisOptions {
     fn default() -> Self {
-        Self {
-            most: 4,
-            fit: FitOptions::default(),
-            domain: Domain::Time,
-        }
+        Self { most: 4, fit: FitOptions::default(), domain: Domain::Time }
     }
 }
 
@@ -439,7 +424,6 @@ mod tests {
             let measured = if to == from { found.measured[to] } else { f64::NAN };
             assert!(measured == stepped.measured[k] || k % 7 != 0 && measured.is_nan(), "{k}");
         }
-        assert_eq!(sampling(found, (0, 1)), (7143, 7.0));
         // an input that is held changes where it did
         let held = Run { held: vec![true], ..stepped.clone() };
         let (kept, _) = in_time(vec![held], 4_000);

@@ -4,10 +4,10 @@
 //! text is fitted once more by plain output error, as `fit` would, and only what it does is told. It must not do worse than the model
 //! without the effects.
 
-use crate::candidates::fitted_model::{FittedModel, shared_from};
-use crate::candidates::initial_fit::{Thoroughness, own_fit, plain_fit};
-use crate::candidates::runs::{DiagnosisOptions, Domain, Runs};
 use crate::bins::Signals;
+use crate::candidates::fitted_model::{FittedModel, shared_from};
+use crate::candidates::initial_fit::{own_fit, plain_fit};
+use crate::candidates::runs::{DiagnosisOptions, Domain, Runs};
 use fdm_estimate::Work;
 use fdm_estimate::residuals::add_squares;
 use fdm_grammar::model::Origin;
@@ -15,14 +15,6 @@ use std::ops::Range;
 
 /// Digits of an estimate in the text.
 const DIGITS: usize = 6;
-/// Ratio of squared errors up to which they are alike: in the three digits of a root mean square that are told, no more than the last differs.
-const ALIKE: f64 = 1.002;
-
-/// That a model's squared error is so many times that of the model as it was given, in per cent of its root; none where it is no worse.
-pub(crate) fn larger(ratio: f64) -> Option<f64> {
-    (ratio.is_nan() || ratio > ALIKE).then(|| 100.0 * (ratio.sqrt() - 1.0))
-}
-
 /// A model at the values that stand in its text.
 pub(crate) struct WrittenModel {
     /// With its responses; what belongs to a run is estimated there.
@@ -40,13 +32,6 @@ impl WrittenModel {
     pub(crate) fn ratio(&self) -> f64 {
         self.validation.unwrap_or(self.training)
     }
-
-    /// Why it cannot be recommended, in words.
-    pub(crate) fn objection(&self) -> Option<String> {
-        let whose = if self.validation.is_some() { "validation" } else { "fitted" };
-        let percent = larger(self.ratio())?;
-        Some(format!("the residual of the written model is {percent:.1} % larger on {whose} runs than without it"))
-    }
 }
 
 /// Writes the estimates into the text of an extended model: those of a plain fit, or the joint ones (`theta`) where these predict
@@ -59,15 +44,15 @@ pub(crate) fn written_model(
     theta: &[Vec<f64>],
     naive: &[Signals],
     (runs, options, work): (Runs<'_>, &DiagnosisOptions, &Work<'_>),
-    thoroughness: Thoroughness,
 ) -> Result<WrittenModel, String> {
     let joint = |theta: &[Vec<f64>]| at_values(current, theta, naive, runs);
     let best = match runs.domain {
         Domain::Frequency(_) => joint(theta),
-        Domain::Time => match plain_fit(current, theta, runs, (options, work), thoroughness) {
-            // a search that is stopped tells what it knows
-            Err(_) if !work.goes_on() => joint(theta),
-            Err(why) => return Err(format!("a plain fit of the written model fails: {why}")),
+        Domain::Time => match plain_fit(current, theta, runs, (options, work)) {
+            // what a plain fit cannot be had of is told as it was found
+            Err(_) => {
+                own_fit(current, theta, runs, (options, work)).and_then(|theta| joint(&theta)).or_else(|| joint(theta))
+            }
             Ok(plain) => {
                 let plain = at_values(current, &plain.theta, naive, runs);
                 // who simulates the text has initial values and zeros by a plain fit

@@ -1,11 +1,11 @@
 //! Runs as cosine bins: every output of every run by itself, at the samples where it was measured, in bands common to all.
 
+use crate::bins::{MeasuredRows, Signals, ordinal};
 use crate::candidates::fitted_model::FittedModel;
 use crate::candidates::runs::Runs;
 use crate::evidence::bands::{BandCounts, Bands};
 use crate::evidence::gram::{Segment, segments};
 use crate::evidence::noise::NoisePrior;
-use crate::bins::{MeasuredRows, Signals, ordinal};
 use fdm_numeric::fourier::CosineTransform;
 use std::f64::consts::FRAC_1_SQRT_2;
 
@@ -13,6 +13,7 @@ use std::f64::consts::FRAC_1_SQRT_2;
 const LEAST: usize = 8;
 
 /// How signals of each run become bins.
+#[derive(Clone)]
 pub(crate) struct Binning {
     pub(crate) outputs: usize,
     pub(crate) bands: usize,
@@ -22,6 +23,7 @@ pub(crate) struct Binning {
 }
 
 /// One run.
+#[derive(Clone)]
 pub(crate) struct RunBins {
     places: Vec<OutputBins>,
     /// All bins of the run.
@@ -32,6 +34,7 @@ pub(crate) struct RunBins {
     outputs: usize,
 }
 
+#[derive(Clone)]
 struct OutputBins {
     output: usize,
     /// Samples at which it was measured, and where they stand among the rows that directions keep.
@@ -85,9 +88,30 @@ impl Binning {
             run.length += samples.len();
             run.places.push(OutputBins { output, samples, places, transform, offset });
         }
-        let noise =
-            of_output.iter().map(|own| NoisePrior::new(&BandCounts::of(&bands, own.iter().copied()), longest)).collect();
+        let noise = of_output
+            .iter()
+            .map(|own| NoisePrior::new(&BandCounts::of(&bands, own.iter().copied()), longest))
+            .collect();
         Self { outputs: q, bands: bands.count(), runs: found, noise }
+    }
+}
+
+impl Binning {
+    /// With noise of one output that grows with its signal: deviations in proportion to `1 + rate |y - mean|/deviation`, y the responses of the runs
+    /// (N by q each).
+    pub(crate) fn grown(&self, (output, rate): (usize, f64), responses: &[Signals], deviation: f64) -> Self {
+        let (mut grown, q) = (self.clone(), self.outputs);
+        for (run, response) in grown.runs.iter_mut().zip(responses) {
+            let Some(place) = run.places.iter().find(|p| p.output == output && p.transform.is_some()) else { continue };
+            let values = || response.iter().skip(output).step_by(q);
+            let mean = values().sum::<f64>() / (response.len() / q).max(1) as f64;
+            let sizes: Vec<f64> = values().map(|y| 1.0 + rate * (y - mean).abs() / deviation).collect();
+            let logs = place.samples.iter().map(|k| sizes[*k].ln()).sum::<f64>() / place.samples.len() as f64;
+            let own = run.deviations.get_or_insert_with(|| vec![1.0; response.len()]);
+            // the level is the noise's own
+            sizes.iter().enumerate().for_each(|(k, size)| own[k * q + output] = (size.ln() - logs).exp());
+        }
+        grown
     }
 }
 

@@ -1,5 +1,6 @@
 //! What is missing, decided by one number: the log evidence of a written model on all its runs, plus its log prior odds.
 
+mod curve;
 mod proposals;
 mod random_effect;
 mod search;

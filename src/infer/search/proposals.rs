@@ -1,17 +1,17 @@
 //! What might be added to a state: every candidate at every value that is tried, ranked in closed form under several noises, the best judged to
 //! first order by their own.
 
+use crate::candidates::directions::Shape;
 use crate::candidates::directions::{CandidateDirections, TrialPoint};
 use crate::candidates::extended_model::{SignalScales, place};
 use crate::candidates::fitted_model::FittedModel;
 use crate::candidates::forced_tiles::all_directions;
-use crate::evidence::question::Question;
+use crate::diagnosis::LeftOut;
 use crate::evidence::gram::{Border, Grams, products};
 use crate::evidence::prior::{Sign, of_amount};
+use crate::evidence::question::Question;
 use crate::evidence::screen::{Beside, Screen};
 use crate::search::state::{Ground, Judged, State, odds, sign};
-use crate::diagnosis::LeftOut;
-use crate::candidates::directions::Shape;
 use fdm_effects::{Candidate, Kind};
 use fdm_numeric::parallel;
 use std::collections::BTreeMap;
@@ -128,8 +128,10 @@ impl<'s> Proposals<'s> {
     fn log_prior(&self, spec: &Spec, amounts: &[f64], errors: &[f64]) -> f64 {
         let attached = &self.directions[spec.direction].attached;
         let params = attached.params();
-        let estimated: Vec<bool> = (0..params.len()).map(|k| attached.is_estimated(k) && params[k].begins_as.is_none()).collect();
-        let kind = odds(&attached.candidate, params, &estimated) - (self.ground.candidates as f64).ln() - spec.tried.ln();
+        let estimated: Vec<bool> =
+            (0..params.len()).map(|k| attached.is_estimated(k) && params[k].begins_as.is_none()).collect();
+        let kind =
+            odds(&attached.candidate, params, &estimated) - (self.ground.candidates as f64).ln() - spec.tried.ln();
         let amount = |(k, (amount, error)): (usize, (&f64, &f64))| {
             let point = self.point(spec, k);
             let sign = if point.is_linear() { sign(&params[point.lead]) } else { Sign::Positive };
@@ -164,7 +166,10 @@ impl<'s> Proposals<'s> {
                 let Beside { cross, square, .. } = only;
                 let (amount, error) = (cross / square, 1.0 / square.sqrt());
                 let fit = 0.5 * cross * amount + 0.5 * (2.0 * PI / square).ln();
-                return Some(Scored { score: fit + self.log_prior(spec, &[amount], &[error]), beside: Some(only.clone()) });
+                return Some(Scored {
+                    score: fit + self.log_prior(spec, &[amount], &[error]),
+                    beside: Some(only.clone()),
+                });
             }
             let n = own.len();
             let mut matrix = nalgebra::DMatrix::zeros(n, n);
@@ -307,10 +312,25 @@ impl<'s> Proposals<'s> {
                 let value = if point.is_linear() {
                     params[lead].null + part * amount
                 } else if params[lead].null.is_finite() {
-                    let multiple = if part == 1.0 { *amount } else if part == 0.4 { 1.0 } else { (part * 3.0 * amount).max(0.1) };
+                    let multiple = if part == 1.0 {
+                        *amount
+                    } else if part == 0.4 {
+                        1.0
+                    } else {
+                        (part * 3.0 * amount).max(0.1)
+                    };
                     params[lead].null + multiple * (point.values[lead] - params[lead].null)
                 } else {
-                    point.values[lead] * if part == 1.0 { 1.0 } else if part == 0.4 { 0.93 } else if part == 0.1 { 1.1 } else { 1.25 }
+                    point.values[lead]
+                        * if part == 1.0 {
+                            1.0
+                        } else if part == 0.4 {
+                            0.93
+                        } else if part == 0.1 {
+                            1.1
+                        } else {
+                            1.25
+                        }
                 };
                 values[lead] = value.clamp(params[lead].lower, params[lead].upper);
             }
@@ -321,7 +341,8 @@ impl<'s> Proposals<'s> {
                     let choice = fdm_effects::Choice::new();
                     let candidate = &found.attached.candidate;
                     let attached =
-                        crate::candidates::extended_model::AttachedEffect::new(candidate, fitted, &scales, &choice).ok()?;
+                        crate::candidates::extended_model::AttachedEffect::new(candidate, fitted, &scales, &choice)
+                            .ok()?;
                     before.with(&attached, (fitted, &values), &found.predictors, runs)?
                 }
             };

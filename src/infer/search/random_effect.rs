@@ -1,12 +1,13 @@
 //! What has no name: a disturbance at a place, and a function of one signal in an equation. Both are many columns whose coefficients have a
 //! common prior, averaged over their size and smoothness, and judged as everything else is.
 
-use crate::evidence::binning::RunBins;
-use crate::evidence::question::Question;
-use crate::evidence::gram::Grams;
-use crate::search::state::{Ground, Judged, State};
 use crate::candidates::forced_response::ForcedResponse;
 use crate::candidates::place::{Place, PlaceKind, places};
+use crate::evidence::binning::RunBins;
+use crate::evidence::gram::Grams;
+use crate::evidence::question::Question;
+use crate::search::state::{Ground, Judged, State};
+use fdm_grammar::graph::{Leaf, Node};
 use fdm_numeric::parallel;
 use nalgebra::DMatrix;
 
@@ -24,8 +25,9 @@ const ROUNDS: usize = 4;
 /// Log prior odds of a disturbance and of a law against a mechanism: what has a name is believed first, then what repeats.
 const DISTURBANCE: f64 = -7.0;
 const LAW: f64 = -5.0;
-/// Half waves of a law over its signal's range: beyond the constant and the slope.
-const WAVES: std::ops::Range<usize> = 2..26;
+/// Half waves of a law over its signal's range, and those of a coefficient.
+const WAVES: usize = 25;
+const OF_COEFFICIENT: usize = 8;
 /// Half waves at which the variance of a smooth law has fallen to a quarter.
 const SMOOTH: f64 = 3.0;
 
@@ -51,7 +53,13 @@ fn sizes() -> impl Iterator<Item = f64> {
     (0..count).map(move |k| low * (high / low).powf(k as f64 / (count - 1) as f64))
 }
 
-fn log_sum(values: &[f64]) -> f64 {
+/// Least and greatest.
+pub(crate) fn extent<'v>(values: impl Iterator<Item = &'v f64>) -> (f64, f64) {
+    values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)))
+}
+
+/// The logarithm of a sum of exponentials.
+pub(crate) fn log_sum(values: &[f64]) -> f64 {
     let most = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     if most.is_finite() { most + values.iter().map(|v| (v - most).exp()).sum::<f64>().ln() } else { most }
 }
@@ -98,7 +106,8 @@ impl Ground<'_> {
             for (r, run) in self.binning.runs.iter().enumerate() {
                 for segment in run.segments.iter().filter(|s| s.place / bands == output) {
                     count += segment.end - segment.begin;
-                    let own = columns.iter().map(|c| c[r][segment.begin..segment.end].iter().map(|v| v * v).sum::<f64>());
+                    let own =
+                        columns.iter().map(|c| c[r][segment.begin..segment.end].iter().map(|v| v * v).sum::<f64>());
                     sum += own.sum::<f64>();
                 }
             }
@@ -109,7 +118,13 @@ impl Ground<'_> {
 
     /// Evidence with random columns of each run's own or of all, averaged over sizes: `grams` has them behind the run's own columns or the shared
     /// ones.
-    fn averaged(&self, grams: &Grams, (state, judged): (&State, &Judged), (count, own): (usize, bool), raw: f64) -> Vec<f64> {
+    fn averaged(
+        &self,
+        grams: &Grams,
+        (state, judged): (&State, &Judged),
+        (count, own): (usize, bool),
+        raw: f64,
+    ) -> Vec<f64> {
         let precision = self.precision(state);
         let q = precision.len();
         let plain = self.plain_weights(&judged.linear.grams);
@@ -220,43 +235,61 @@ impl Ground<'_> {
         found
     }
 
-    /// Functions of one signal in each equation, the same in every run: with evidence beside the state, the likeliest first.
+    /// Functions of one signal, the same in every run, in each equation (beyond a constant and a slope) or in the place of a coefficient: with evidence
+    /// beside the state, the likeliest first.
     pub(crate) fn laws(&self, (state, judged): (&State, &Judged)) -> Vec<Unnamed> {
-        let places: Vec<Place> =
+        let definition = state.text.model.definition();
+        let mut entries: Vec<Place> =
             places(&state.text.model).into_iter().filter(|p| p.kind == PlaceKind::Equation).collect();
+        let moves = |k: &&usize| {
+            let by = definition.graph.depends(|leaf| matches!(leaf, Leaf::Param(p) if p as usize == **k));
+            definition.states.iter().any(|s| by[s.rate.index()])
+        };
+        entries.extend(state.text.shared.iter().filter(|k| **k < definition.params.len()).filter(moves).map(|k| {
+            Place { kind: PlaceKind::Coefficient, index: *k, name: definition.params[*k].quantity.name.clone() }
+        }));
         let signals = self.signals(state);
-        let count = (places.len() * signals.len()) as f64;
+        let count = (entries.len() * signals.len()) as f64;
         let (base, mut found) = (judged.evidence.log, Vec::new());
         for (name, courses) in signals {
-            let ends = courses.iter().flatten().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+            let ends = extent(courses.iter().flatten());
             if ends.1 - ends.0 <= 0.0 || !(ends.1 - ends.0).is_finite() {
                 continue;
             }
             let waves = |course: &Vec<f64>| -> Vec<Vec<f64>> {
                 let phase = |m: usize, v: f64| std::f64::consts::PI * m as f64 * (v - ends.0) / (ends.1 - ends.0);
-                let cosines = WAVES.map(|m| course.iter().map(|v| phase(m, *v).cos()).collect());
-                cosines.chain(WAVES.map(|m| course.iter().map(|v| phase(m, *v).sin()).collect())).collect()
+                let of = |m: usize| {
+                    [
+                        course.iter().map(|v| phase(m, *v).cos()).collect(),
+                        course.iter().map(|v| phase(m, *v).sin()).collect(),
+                    ]
+                };
+                (1..=WAVES).flat_map(of).collect()
             };
             let courses: Vec<Vec<Vec<f64>>> = courses.iter().map(waves).collect();
-            let Some(Forced { places, bins }) = self.forced(state, &places, &courses) else { continue };
+            let Some(Forced { places, bins }) = self.forced(state, &entries, &courses) else { continue };
             let one = |(place, columns): (Place, Vec<Vec<Vec<f64>>>)| -> Option<Unnamed> {
+                let used = match place.kind {
+                    PlaceKind::Coefficient => 0..2 * OF_COEFFICIENT,
+                    _ => 2..2 * WAVES,
+                };
                 let mut logs = Vec::new();
                 for smooth in [true, false] {
                     let scale = |c: usize| {
-                        let m = (WAVES.start + c % WAVES.len()) as f64;
+                        let m = (1 + c / 2) as f64;
                         if smooth { 1.0 / (1.0 + (m / SMOOTH).powi(2)) } else { 1.0 }
                     };
-                    let scaled: Vec<Vec<Vec<f64>>> = columns
-                        .iter()
-                        .enumerate()
-                        .map(|(c, runs)| runs.iter().map(|v| v.iter().map(|v| v * scale(c)).collect()).collect())
-                        .collect();
+                    let of = |c: usize| -> Vec<Vec<f64>> {
+                        columns[c].iter().map(|v| v.iter().map(|v| v * scale(c)).collect()).collect()
+                    };
+                    let scaled: Vec<Vec<Vec<f64>>> = used.clone().map(of).collect();
                     let raw = self.motion(&scaled);
                     if raw.is_nan() || raw <= 0.0 {
                         return None;
                     }
                     let own = state.text.own.len();
-                    let mut grams = Grams::new(self.binning.outputs, self.binning.bands, state.text.shared.len() + scaled.len());
+                    let shared = state.text.shared.len() + scaled.len();
+                    let mut grams = Grams::new(self.binning.outputs, self.binning.bands, shared);
                     for (r, bins) in self.binning.runs.iter().enumerate() {
                         let mut all = judged.linear.columns[r].clone();
                         all.extend(scaled.iter().map(|c| c[r].clone()));
@@ -274,7 +307,7 @@ impl Ground<'_> {
     }
 
     /// States and declared inputs over all runs: as recorded where an output is the state itself, since a model in error is out of phase.
-    fn signals(&self, state: &State) -> Vec<(String, Vec<Vec<f64>>)> {
+    pub(crate) fn signals(&self, state: &State) -> Vec<(String, Vec<Vec<f64>>)> {
         let Some(fitted) = state.fitted(self.runs) else { return Vec::new() };
         let definition = state.text.model.definition();
         let (states, outputs) = crate::candidates::extended_model::states_and_outputs(&fitted, self.runs.all);
@@ -283,7 +316,8 @@ impl Ground<'_> {
         let mut found = Vec::new();
         for (j, own) in definition.states.iter().enumerate() {
             let is_it = |o: &fdm_grammar::model::Output| {
-                definition.graph.node(o.expr) == fdm_grammar::graph::Node::Leaf(fdm_grammar::graph::Leaf::State(j as u32))
+                definition.graph.node(o.expr)
+                    == Node::Leaf(Leaf::State(j as u32))
             };
             let shown = definition.outputs.iter().position(is_it);
             let course = |r: usize| -> Vec<f64> {

@@ -1,9 +1,10 @@
 //! The search: sets of effects by their evidence, one after the other, and what could stand in the place of each.
 
+use super::random_effect::log_sum;
 use crate::candidates::extended_model::place;
+use crate::diagnosis::{EffectAt, LeftOut, SearchStep, Tried};
 use crate::search::proposals::{Proposal, Proposals};
 use crate::search::state::{Ground, Judged, State};
-use crate::diagnosis::{EffectAt, LeftOut, SearchStep, Tried};
 use fdm_effects::Candidate;
 use fdm_numeric::parallel;
 use std::collections::BTreeSet;
@@ -11,6 +12,8 @@ use std::collections::BTreeSet;
 /// Sets that are refitted in a step: candidates, and pairs where the best of them is likelier or less likely than the best candidate.
 const REFITTED: usize = 14;
 const PAIRS: (usize, usize) = (3, 2);
+/// Sets that are refitted from a plain fit too.
+const AGAIN: usize = 4;
 /// Sets that are asked whether they may be taken.
 const ASKED: usize = 4;
 /// Odds of 100 : 1, the group.
@@ -52,6 +55,8 @@ fn places(state: &State) -> Vec<EffectAt> {
 pub(crate) struct Search<'a> {
     pub(crate) ground: &'a Ground<'a>,
     pub(crate) base: State,
+    /// The base at its fit.
+    pub(crate) null: Fitted,
     pub(crate) candidates: &'a [Candidate],
     /// Most effects.
     pub(crate) most: usize,
@@ -61,9 +66,9 @@ pub(crate) struct Search<'a> {
 
 impl Search<'_> {
     /// None where the base has no evidence.
-    pub(crate) fn run(&self) -> Option<Found> {
+    pub(crate) fn run(self) -> Option<Found> {
         let (mut steps, mut left_out, mut first) = (Vec::new(), Vec::new(), Vec::new());
-        let null = self.ground.refit(self.base.clone(), None)?;
+        let null = self.again(&self.null)?;
         let mut best: Fitted = self.again(&null)?;
         let (mut stopped, mut together) = (false, f64::NEG_INFINITY);
         let mut stages = vec![(null.0.clone(), null.1.log)];
@@ -82,11 +87,11 @@ impl Search<'_> {
             }
             let mut physical: Vec<Fitted> = sets.into_iter().filter(|(s, _)| s.is_physical()).collect();
             // something is there where that is likelier than nothing, whatever it is; one more only where it is likelier itself
-            let sum: f64 = physical.iter().map(|(_, j)| (j.log - level).exp()).sum();
+            let sum = log_sum(&physical.iter().map(|(_, j)| j.log - level).collect::<Vec<f64>>());
             if begins {
-                together = sum.ln();
+                together = sum;
             }
-            if begins && sum < 1.0 {
+            if begins && sum < 0.0 {
                 break;
             }
             physical.retain(|(_, j)| begins || j.log > level);
@@ -130,6 +135,15 @@ impl Search<'_> {
             self.ground.refit(begun, Some(&proposal.weights))
         };
         let mut found: Vec<Fitted> = parallel::map(todo, refitted).into_iter().flatten().collect();
+        found.sort_by(|a, b| b.1.log.total_cmp(&a.1.log));
+        // the likeliest once more from a plain fit
+        let again = |state: State| -> Option<Fitted> { self.ground.refit(self.ground.plainly(state)?, None) };
+        let first: Vec<State> = found.iter().take(AGAIN).map(|(s, _)| s.clone()).collect();
+        for (k, other) in parallel::map(first, again).into_iter().enumerate() {
+            if let Some(other) = other.filter(|other| other.1.log > found[k].1.log) {
+                found[k] = other;
+            }
+        }
         found.sort_by(|a, b| b.1.log.total_cmp(&a.1.log));
         let mut known: Vec<BTreeSet<EffectAt>> = Vec::new();
         found.retain(|(s, _)| {

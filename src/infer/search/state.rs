@@ -1,14 +1,14 @@
 //! A model with some effects in its text, at values: linearised, judged, and refitted by its own noise.
 
-use crate::candidates::extended_model::{AttachedEffect, SignalScales, grown};
 use crate::candidates::directions::steps_at;
+use crate::candidates::extended_model::{AttachedEffect, SignalScales, grown};
 use crate::candidates::fitted_model::FittedModel;
 use crate::candidates::predictor::Predictor;
 use crate::candidates::runs::Runs;
 use crate::evidence::binning::Binning;
-use crate::evidence::question::{Evidence, Question};
 use crate::evidence::gram::Grams;
 use crate::evidence::prior::{Sign, of_amount, of_limit, precision_of_nuisance};
+use crate::evidence::question::{Evidence, Question};
 use fdm_effects::{Candidate, NewParam, Subject};
 use fdm_estimate::Work;
 use fdm_grammar::syntax::Class;
@@ -20,6 +20,8 @@ use std::sync::Arc;
 /// Gauss-Newton steps of a refit, and the promised gain (nats) at which none is worth making.
 const STEPS: usize = 12;
 const SETTLED: f64 = 0.025;
+/// Promised gain (nats of white noise) at which a plain fit is near enough.
+const PLAINLY: f64 = 0.5;
 /// Parts of a step that are tried, and the promised gain up to which the first that helps is taken.
 const PARTS: [f64; 4] = [1.0, 0.5, 0.2, 0.05];
 const NEAR: f64 = 2.0;
@@ -34,7 +36,12 @@ const STAND_IN: f64 = -4.0;
 const OF_FIELD: f64 = -1.0;
 const TRIED: f64 = -0.3;
 
+/// Rates at which noise may grow with its signal, and log prior odds of that against noise of one size.
+const RATES: [f64; 3] = [0.7, 2.0, 6.0];
+const GROWING: f64 = -3.0;
+
 /// What everything is judged on.
+#[derive(Clone)]
 pub(crate) struct Ground<'a> {
     pub(crate) runs: Runs<'a>,
     pub(crate) binning: Binning,
@@ -186,7 +193,12 @@ impl State {
         };
         let predictors = self.text.predictors.iter().zip(predictors).map(finer).collect();
         let text = Text::new(model, predictors, runs)?;
-        let estimated = attached.params().iter().enumerate().map(|(k, p)| attached.is_estimated(k) && p.begins_as.is_none()).collect();
+        let estimated = attached
+            .params()
+            .iter()
+            .enumerate()
+            .map(|(k, p)| attached.is_estimated(k) && p.begins_as.is_none())
+            .collect();
         let mut effects = self.effects.clone();
         let (candidate, params) = (attached.candidate.clone(), attached.params().to_vec());
         effects.push(Placed { candidate, params, estimated, at: Vec::new() });
@@ -210,7 +222,8 @@ impl State {
             let fitted = state.fitted(runs)?;
             let scales = SignalScales::new(&fitted, runs);
             let placed = &self.effects[*k];
-            let attached = AttachedEffect::new(&placed.candidate, &fitted, &scales, &fdm_effects::Choice::new()).ok()?;
+            let attached =
+                AttachedEffect::new(&placed.candidate, &fitted, &scales, &fdm_effects::Choice::new()).ok()?;
             state = state.with(&attached, (&fitted, &self.values(*k)), &self.text.predictors, runs)?;
         }
         // what it has in common with this one is as it is here
@@ -241,7 +254,8 @@ impl Ground<'_> {
             (shared.iter().copied().filter(bare).collect(), own.iter().copied().filter(bare).collect());
         let of = |r: usize| -> Option<Vec<Vec<f64>>> {
             let run: &Run = &self.runs.all[r];
-            let linear = predictors[r].linearised(model.dynamics(), (run, &state.theta[r]), (&asked, &asked_own)).ok()?;
+            let linear =
+                predictors[r].linearised(model.dynamics(), (run, &state.theta[r]), (&asked, &asked_own)).ok()?;
             let bins = &self.binning.runs[r];
             let column = |signal: &Vec<f64>| bins.of(signal, false);
             let (common, mine) = linear.columns.split_at(shared.len());
@@ -263,7 +277,8 @@ impl Ground<'_> {
         let mut precision = vec![0.0; state.text.shared.len()];
         for placed in &state.effects {
             for ((param, at), estimated) in placed.params.iter().zip(&placed.at).zip(&placed.estimated) {
-                if let Some(k) = state.text.shared.iter().position(|s| s == at).filter(|_| param.nuisance && *estimated) {
+                if let Some(k) = state.text.shared.iter().position(|s| s == at).filter(|_| param.nuisance && *estimated)
+                {
                     precision[k] = precision_of_nuisance(state.theta[0][*at], param.lower, param.upper);
                 }
             }
@@ -316,7 +331,8 @@ impl Ground<'_> {
                 continue;
             }
             let (value, mut step) = (state.theta[0][*k], part * step);
-            let sized = |p: &Placed| p.at.iter().zip(&p.params).any(|(at, p)| at == k && (p.nuisance || !p.trials.is_empty()));
+            let sized =
+                |p: &Placed| p.at.iter().zip(&p.params).any(|(at, p)| at == k && (p.nuisance || !p.trials.is_empty()));
             if value != 0.0 && state.effects.iter().any(sized) {
                 step = step.clamp(-SHRINKS * value.abs(), GROWS * value.abs());
             }
@@ -337,7 +353,8 @@ impl Ground<'_> {
     pub(crate) fn plain_weights(&self, grams: &Grams) -> Vec<f64> {
         let of = |output: usize| {
             let power: f64 = grams.residual_powers(output).iter().sum();
-            let own = self.binning.runs.iter().flat_map(|r| &r.segments).filter(|s| s.place / self.binning.bands == output);
+            let own =
+                self.binning.runs.iter().flat_map(|r| &r.segments).filter(|s| s.place / self.binning.bands == output);
             let bins: usize = own.map(|s| s.end - s.begin).sum();
             vec![bins as f64 / power.max(f64::MIN_POSITIVE); self.binning.bands]
         };
@@ -349,7 +366,9 @@ impl Ground<'_> {
         let Text { model, predictors, .. } = &*state.text;
         let of = |r: usize| -> f64 {
             let (run, bins): (&Run, _) = (&self.runs.all[r], &self.binning.runs[r]);
-            let Ok(response) = predictors[r].answer(model.dynamics(), run, &state.theta[r]) else { return f64::INFINITY };
+            let Ok(response) = predictors[r].answer(model.dynamics(), run, &state.theta[r]) else {
+                return f64::INFINITY;
+            };
             let left = bins.of(&predictors[r].left_by(run, &response), false);
             let sum: f64 = bins
                 .segments
@@ -359,6 +378,68 @@ impl Ground<'_> {
             if sum.is_finite() { sum } else { f64::INFINITY }
         };
         parallel::map(0..self.runs.all.len(), of).into_iter().sum()
+    }
+
+    /// A state after a few steps of a plain fit: each output's errors weigh alike at all frequencies. Where a phase is off by periods, the noise that is found
+    /// beside it hides the way.
+    pub(crate) fn plainly(&self, mut state: State) -> Option<State> {
+        let precision = |state: &State| self.precision(state);
+        for _ in 0..STEPS {
+            if !self.work.goes_on() {
+                break;
+            }
+            let linear = self.linearise(&state)?;
+            let plain = self.plain_weights(&linear.grams);
+            let own = precision(&state);
+            let question = Question { grams: &linear.grams, noise: &self.binning.noise, precision: &own, own: &[] };
+            let step = question.answer_within(1, Some(&plain))?;
+            if step.gain < PLAINLY {
+                break;
+            }
+            let before = self.weighted(&state, &plain);
+            let better = PARTS.iter().find_map(|part| {
+                let trial = self.moved(&state, &step, *part);
+                (self.weighted(&trial, &plain) < before).then_some(trial)
+            });
+            match better {
+                Some(next) => state = next,
+                None => break,
+            }
+        }
+        Some(state)
+    }
+
+    /// The ground on which the noise of each output grows with its signal where a state's residuals say so, and the state fitted there; none where it has
+    /// no response.
+    pub(crate) fn with_growing_noise(mut self, base: State) -> Option<(Self, (State, Judged))> {
+        let mut fitted = self.refit(base, None)?;
+        if !self.runs.all.iter().zip(&fitted.0.text.predictors).all(|(_, p)| p.frequencies().is_none()) {
+            return Some((self, fitted));
+        }
+        let mut changed = false;
+        for output in 0..self.binning.outputs {
+            let responses = crate::candidates::predictor::responses(
+                &fitted.0.text.model,
+                self.runs.all,
+                &fitted.0.text.predictors,
+                &fitted.0.theta,
+            )?;
+            let tried = |rate: &f64| {
+                let binning = self.binning.grown((output, *rate), &responses, self.deviations[output]);
+                let ground = Ground { binning, ..self.clone() };
+                let judged = ground.judge(&fitted.0, None)?;
+                Some((ground, judged))
+            };
+            let best = RATES.iter().filter_map(tried).max_by(|a, b| a.1.log.total_cmp(&b.1.log));
+            if let Some((ground, judged)) = best.filter(|(_, judged)| judged.log + GROWING > fitted.1.log) {
+                (self, changed) = (ground, true);
+                fitted.1 = judged;
+            }
+        }
+        if changed {
+            fitted = self.refit(fitted.0, Some(&fitted.1.evidence.weights.clone()))?;
+        }
+        Some((self, fitted))
     }
 
     /// A state fitted by its own noise, with the greatest evidence on the way; none where it has no response.

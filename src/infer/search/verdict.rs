@@ -1,22 +1,23 @@
 //! From runs and a catalogue to a diagnosis: the search, what has no name, and what is told of both.
 
-use super::random_effect::Unnamed;
+use super::curve::curve;
+use super::random_effect::{Unnamed, log_sum};
 use super::search::{self, Fitted, Search};
 use super::separating::separating;
 use super::state::{Ground, State};
+use crate::candidates::DiagnosisError;
 use crate::candidates::extended_model::place;
 use crate::candidates::fitted_model::FittedModel;
-use crate::candidates::initial_fit::{Thoroughness, initial_fits, plain_fit};
+use crate::candidates::initial_fit::{initial_fits, plain_fit};
 use crate::candidates::place::PlaceKind;
 use crate::candidates::runs::{DiagnosisOptions, Domain, Runs, apart, interval, prepared, thinned};
 use crate::candidates::written_model::{WrittenModel, at_values, squares, written_model};
-use crate::candidates::DiagnosisError;
 use crate::diagnosis::{
     Alternative, Biased, Cause, Diagnosis, Explanation, FrontModel, FrontOutput, NewValue, OutputGain, Overlay,
     UnnamedCause, Verdict,
 };
 use crate::evidence::binning::Binning;
-use crate::lack_of_fit::{LackOfFit, RunResidual, lack_of_fit};
+use crate::lack_of_fit::{BinnedResidual, LackOfFit, RunResidual, lack_of_fit, lack_of_fit_of_bins};
 use fdm_effects::{Candidate, Catalogue, Subject};
 use fdm_estimate::residuals::OutputFit;
 use fdm_estimate::{Work, changed};
@@ -126,7 +127,7 @@ impl Judge<'_> {
     fn plain(&self, state: &State) -> Option<WrittenModel> {
         let fitted = state.fitted(self.runs)?;
         let asked = (self.options, self.work);
-        let found = plain_fit(&fitted, &state.theta, self.runs, asked, Thoroughness::Once).ok()?;
+        let found = plain_fit(&fitted, &state.theta, self.runs, asked).ok()?;
         at_values(&found, &found.theta, &self.first.response, self.runs)
     }
 
@@ -138,40 +139,57 @@ impl Judge<'_> {
             let ratio = |state: &State| self.plain(state).and_then(|w| w.validation).unwrap_or(f64::INFINITY);
             runs.validation().is_empty() || ratio(new) <= AS_WELL * ratio(old)
         };
-        let search = Search { ground, base, candidates, most: options.most, predicts: &predicts };
         let none = || DiagnosisError::NoFit("it has no derivatives at the estimates".into());
+        let (ground, null) = ground.clone().with_growing_noise(base.clone()).ok_or_else(none)?;
+        let ground = &ground;
+        let search = Search { ground, base, null, candidates, most: options.most, predicts: &predicts };
         let found = search.run().ok_or_else(none)?;
         work.stage("looking for what has no name");
-        let null = (&found.null.0, &found.null.1);
-        let in_time = *runs.domain == Domain::Time && work.goes_on();
-        let (courses, laws) = match in_time {
-            true => (ground.disturbances(null), ground.laws(null)),
-            false => (Vec::new(), Vec::new()),
+        let asked = *runs.domain == Domain::Time;
+        let unnamed_beside = |(state, judged): &Fitted| match asked && work.goes_on() {
+            true => Beside { courses: ground.disturbances((state, judged)), laws: ground.laws((state, judged)) },
+            false => Beside::default(),
         };
-        let explanations = explanations(&found, &courses, &laws);
+        let beside = unnamed_beside(&found.null);
+        // what explains the runs without effects may do so beside them too
+        let left = match found.best.0.effects.is_empty() || beside.best() <= 0.0 {
+            true => Beside::default(),
+            false => unnamed_beside(&found.best),
+        };
+        let explanations = explanations(&found, &beside, &left);
         let verdict = explanations.first().map_or(Verdict::NoEffectFound, |e| e.verdict);
         let named = verdict == Verdict::EffectFound;
+        let Beside { courses, laws } = if named { left } else { beside };
         let state = &found.best.0;
         let written = match named.then(|| state.fitted(runs)).flatten() {
             None => None,
             Some(fitted) => {
                 let asked = (runs, options, work);
-                written_model(&fitted, &state.theta, &first.response, asked, Thoroughness::Once).ok()
+                written_model(&fitted, &state.theta, &first.response, asked).ok()
             }
         };
+        let law = laws.first().filter(|_| verdict == Verdict::Law);
+        let curve = law.and_then(|law| curve(law, (ground, &found.null.0), (runs, options, work)));
         let mut unnamed: Vec<UnnamedCause> = courses.into_iter().chain(laws).map(unnamed).collect();
         unnamed.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+        let mut front = self.front(&found, written.as_ref());
+        if let Some(curve) = &curve {
+            let evidence = unnamed.iter().find(|u| u.signal.is_some()).map_or(f64::NAN, |u| u.evidence);
+            let described = self.described(&found.null.0, evidence, Some(&curve.written), true);
+            front.push(FrontModel { effects: vec![curve.place.clone()], parameters: curve.parameters, ..described });
+        }
+        let written = written.or(curve.map(|c| c.written));
         let after = written.as_ref().map_or(&first.response, |w| &w.fitted.response);
         Ok(Diagnosis {
             verdict,
             causes: found.causes.iter().filter(|_| named).map(|cause| told(&found.best, cause)).collect(),
             explanations,
             unnamed,
-            front: self.front(&found, written.as_ref()),
+            front,
             steps: found.steps,
             left_out: found.left_out,
             biased: if named { biased(&found.null, &found.best) } else { Vec::new() },
-            outputs: self.outputs(after, &left(ground, &found.best)),
+            outputs: self.outputs(after, &levels(ground, &found.best)),
             overlays: self.overlays(after),
             extended: written.map(|w| w.text),
             ended: if found.stopped { "it was stopped".into() } else { "no further set of effects is likelier".into() },
@@ -182,14 +200,20 @@ impl Judge<'_> {
         })
     }
 
-    /// What is wrong with the model as it was given; nothing in the frequency domain.
+    /// What is wrong with the model as it was given.
     fn lack_of_fit(&self) -> Vec<LackOfFit> {
         let Self { first, runs, .. } = self;
-        if *runs.domain != Domain::Time {
-            return Vec::new();
+        let binned = first.predictors.iter().zip(&first.response).take(runs.train);
+        let binned: Vec<BinnedResidual> = binned.filter_map(|(p, response)| p.binned(response)).collect();
+        if !binned.is_empty() {
+            return lack_of_fit_of_bins(&first.model, &binned);
         }
-        let residuals: Vec<Vec<f64>> =
-            runs.train().iter().enumerate().map(|(r, run)| first.predictors[r].left_by(run, &first.response[r])).collect();
+        let residuals: Vec<Vec<f64>> = runs
+            .train()
+            .iter()
+            .enumerate()
+            .map(|(r, run)| first.predictors[r].left_by(run, &first.response[r]))
+            .collect();
         let mut left = Vec::new();
         for (run, residual) in runs.train().iter().zip(&residuals) {
             left.push(RunResidual { run, residual, interval: interval(run) });
@@ -251,8 +275,7 @@ impl Judge<'_> {
         for (r, run) in runs.all.iter().enumerate() {
             let measured = first.predictors[r].measured(run);
             // bins of a band: what they have together is spread over all samples
-            let spread =
-                first.predictors[r].frequencies().map_or(1.0, |f| (f.len() as f64 / run.len() as f64).sqrt());
+            let spread = first.predictors[r].frequencies().map_or(1.0, |f| (f.len() as f64 / run.len() as f64).sqrt());
             for (o, output) in outputs.iter().enumerate() {
                 let name = &output.quantity.name;
                 let fit = |response: &[f64]| OutputFit::new(name, &run.name, &measured, response, o, outputs.len());
@@ -291,26 +314,46 @@ impl Judge<'_> {
     }
 }
 
-/// Every kind of explanation with its probability, the likeliest first.
-fn explanations(found: &search::Found, courses: &[Unnamed], laws: &[Unnamed]) -> Vec<Explanation> {
-    let sum = |of: &mut dyn Iterator<Item = f64>| {
-        let logs: Vec<f64> = of.collect();
-        let most = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        if most.is_finite() { most + logs.iter().map(|l| (l - most).exp()).sum::<f64>().ln() } else { most }
-    };
-    let at = |output: bool| {
-        sum(&mut courses.iter().filter(|u| (u.place.kind == PlaceKind::Output) == output).map(|u| u.log))
-    };
+/// What has no name beside a state: courses of each run, and functions of a signal.
+#[derive(Default)]
+struct Beside {
+    courses: Vec<Unnamed>,
+    laws: Vec<Unnamed>,
+}
+
+impl Beside {
+    fn all(&self) -> impl Iterator<Item = &Unnamed> {
+        self.courses.iter().chain(&self.laws)
+    }
+
+    fn best(&self) -> f64 {
+        self.all().map(|u| u.log).fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// Evidence of all of a kind together.
+    fn of(&self, is_it: impl Fn(&Unnamed) -> bool) -> f64 {
+        log_sum(&self.all().filter(|u| is_it(u)).map(|u| u.log).collect::<Vec<f64>>())
+    }
+}
+
+/// Every kind of explanation with its probability, the likeliest first. Effects may be there alone, or with something unnamed beside them (`left`).
+fn explanations(found: &search::Found, beside: &Beside, left: &Beside) -> Vec<Explanation> {
     let gained = found.best.1.log - found.null.1.log;
-    let effects = if found.best.0.effects.is_empty() { found.together } else { gained.max(found.together) };
+    // sets that are likelier than nothing and predict worse have no name that can be told
+    let (effects, nameless) = match found.best.0.effects.is_empty() {
+        true if found.together > 0.0 => (f64::NEG_INFINITY, found.together),
+        true => (found.together, f64::NEG_INFINITY),
+        false => (log_sum(&[gained, found.together.min(gained), gained + left.best()]), f64::NEG_INFINITY),
+    };
+    let is_output = |u: &Unnamed| u.signal.is_none() && u.place.kind == PlaceKind::Output;
     let of = [
         (Verdict::NoEffectFound, 0.0),
         (Verdict::EffectFound, effects),
-        (Verdict::Disturbance, at(false)),
-        (Verdict::Law, sum(&mut laws.iter().map(|u| u.log))),
-        (Verdict::UnknownCause, at(true)),
+        (Verdict::Disturbance, beside.of(|u| u.signal.is_none() && !is_output(u))),
+        (Verdict::Law, beside.of(|u| u.signal.is_some())),
+        (Verdict::UnknownCause, log_sum(&[beside.of(is_output), nameless])),
     ];
-    let all = sum(&mut of.iter().map(|(_, log)| *log));
+    let all = log_sum(&of.map(|(_, log)| log));
     let mut found: Vec<Explanation> = of
         .into_iter()
         .filter(|(_, log)| log.is_finite())
@@ -325,7 +368,7 @@ fn unnamed(found: Unnamed) -> UnnamedCause {
 }
 
 /// Root mean square of what the state leaves of each output.
-fn left(ground: &Ground<'_>, (_, judged): &Fitted) -> Vec<f64> {
+fn levels(ground: &Ground<'_>, (_, judged): &Fitted) -> Vec<f64> {
     let (binning, grams) = (&ground.binning, &judged.linear.grams);
     let of = |output: usize| {
         let segments = binning.runs.iter().flat_map(|r| &r.segments).filter(|s| s.place / binning.bands == output);

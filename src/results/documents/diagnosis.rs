@@ -2,7 +2,8 @@
 
 use super::doctor::JudgedRecords;
 use fdm_infer::{
-    Biased, Cause, Diagnosis, Explanation, FrontModel, LackOfFit, LeftOut, OutputGain, SearchStep, UnnamedCause, Verdict,
+    Biased, Cause, Diagnosis, Explanation, FrontModel, LackOfFit, LeftOut, OutputGain, SearchStep, UnnamedCause,
+    Verdict,
 };
 use serde::{Deserialize, Serialize};
 

@@ -9,7 +9,6 @@ use super::remarks::limit_within_bounds;
 use super::remarks::{Remark, estimate_remarks, fit_remarks, spectral_remarks};
 use super::requirement::Assessment;
 use super::study::Study;
-use fdm_infer::LackOfFit;
 use fdm_doctor::Finding;
 use fdm_estimate::residuals::OutputQuality;
 use fdm_estimate::{
@@ -17,6 +16,7 @@ use fdm_estimate::{
     Iteration, LengthFit, LengthSensitivity, Loss, NoiseColour, ParameterEstimate, Recovery, ResponseFit, Reweighting,
     Smoothing, SpectralColour, SpectralFit, StartSummary, Symmetric, TableEstimate, Termination, by_confidence,
 };
+use fdm_infer::LackOfFit;
 use fdm_system::Model;
 use fdm_system::simulate::Steps;
 use serde::{Deserialize, Serialize};

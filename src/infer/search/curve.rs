@@ -1,0 +1,109 @@
+//! A law in the model's text: a table with nodes as params, smooth, fitted as any other model. Written down it is a model that can be simulated: a
+//! stand-in for physics that has no name yet.
+
+use super::random_effect::{Unnamed, extent};
+use super::state::{Ground, State};
+use crate::candidates::coefficient_text::{CoefficientText, CurveNodes, Dependence};
+use crate::candidates::extended_model::SignalScales;
+use crate::candidates::fitted_model::{FittedModel, shared_from};
+use crate::candidates::place::PlaceKind;
+use crate::candidates::runs::{DiagnosisOptions, Runs};
+use crate::candidates::written_model::{WrittenModel, at_values, written_model};
+use crate::diagnosis::EffectAt;
+use fdm_effects::{Catalogue, Choice, Subject};
+use fdm_estimate::Work;
+use fdm_grammar::Source;
+use fdm_grammar::model::Param;
+use fdm_system::model::Model;
+
+/// Nodes that are tried, fewest first: as many as the errors want.
+const NODES: [usize; 3] = [9, 17, 33];
+/// Ratio of squared errors below which more nodes are worth their fit.
+const WORTH: f64 = 0.8;
+
+/// A law in a text.
+pub(crate) struct Curve {
+    /// What it is called in results.
+    pub(crate) place: EffectAt,
+    /// Nodes that are estimated.
+    pub(crate) parameters: usize,
+    pub(crate) written: WrittenModel,
+}
+
+/// A law beside a model at its fit, as a table in its text; none where it cannot be written or is no better. `runs` are split into training and validation
+/// runs.
+pub(crate) fn curve(
+    law: &Unnamed,
+    (ground, state): (&Ground<'_>, &State),
+    (runs, options, work): (Runs<'_>, &DiagnosisOptions, &Work<'_>),
+) -> Option<Curve> {
+    let signal = law.signal.as_ref()?;
+    let courses = ground.signals(state).into_iter().find(|(name, _)| name == signal)?.1;
+    let (low, high) = extent(courses.iter().flatten());
+    let first = state.fitted(runs)?;
+    let (subject, coefficient) = match law.place.kind {
+        PlaceKind::Coefficient => (first.subject.clone(), law.place.name.clone()),
+        _ => with_constant(&first, &law.place.name, runs)?,
+    };
+    let value = first.model.definition().param(&coefficient).map_or(0.0, |k| first.theta[0][k]);
+    let text = CoefficientText::new(&subject)?;
+    let over = text.signals().into_iter().find(|s| s.name == *signal)?;
+    let pair = Dependence { coefficient: coefficient.clone(), signal: signal.clone() };
+    let mut best: Option<(usize, WrittenModel)> = None;
+    for count in NODES {
+        let at: Vec<f64> = (0..count).map(|k| low + (high - low) * k as f64 / (count - 1) as f64).collect();
+        let nodes = CurveNodes { values: vec![value; count], at };
+        let tabulated = text.tabulated(&pair, &over, &nodes, "cubic")?;
+        let model = Model::from_source(tabulated.source).ok()?;
+        let current = begun(&first, &model, runs)?;
+        let asked = (runs, options, work);
+        let naive = &first.response;
+        let found = written_model(&current, &current.theta, naive, asked).ok();
+        let found = found.or_else(|| at_values(&current, &current.theta, naive, runs))?;
+        let worth = best.as_ref().is_none_or(|(_, before)| found.ratio() < WORTH * before.ratio());
+        if !worth {
+            break;
+        }
+        best = Some((count, found));
+        if !work.goes_on() {
+            break;
+        }
+    }
+    let (parameters, written) = best.filter(|(_, written)| written.training < 1.0 && written.ratio() < 1.0)?;
+    let effect = if law.place.kind == PlaceKind::Coefficient { "coefficient_table" } else { "law_curve" };
+    let place = EffectAt { effect: effect.into(), targets: vec![law.place.name.clone(), signal.clone()] };
+    Some(Curve { place, parameters, written })
+}
+
+/// The text with a constant in an equation, and what it is called.
+fn with_constant(first: &FittedModel, state: &str, runs: Runs<'_>) -> Option<(Subject, String)> {
+    let (catalogue, _) =
+        Catalogue::read(&Source::new("law", "effect law(x: state) { param law = 0; add der(x) += law; }"));
+    let places = catalogue.places(&first.subject);
+    let candidate = places.find(&format!("law({state})"))?;
+    let extension = candidate.apply(&first.subject, &SignalScales::new(first, runs), &Choice::new()).ok()?;
+    let name = extension.params().first()?.name.clone();
+    let model = extension.model().ok()?;
+    Some((Subject::new(extension.source(), &model).ok()?, name))
+}
+
+/// A text with a table at its start values, and at those of the model without it.
+fn begun(first: &FittedModel, model: &Model, runs: Runs<'_>) -> Option<FittedModel> {
+    let known = |name: &str| first.model.definition().param(name);
+    // what is free and fixed there is so here
+    let params: Vec<Param> = model
+        .definition()
+        .params
+        .iter()
+        .map(|p| match known(&p.quantity.name) {
+            Some(k) => Param { origin: p.origin, ..first.params()[k].clone() },
+            None => p.clone(),
+        })
+        .collect();
+    let of = |own: &Vec<f64>| -> Vec<f64> {
+        params.iter().map(|p| known(&p.quantity.name).map_or(p.value, |k| own[k])).collect()
+    };
+    let theta: Vec<Vec<f64>> = first.theta.iter().map(of).collect();
+    let theta = shared_from(&params, &theta[0].clone(), &theta);
+    FittedModel::new(model.with_params(params), runs, theta).ok()
+}
