@@ -22,6 +22,7 @@ use crate::work::Work;
 use crate::work::termination::Termination;
 use fdm_grammar::model::TableNode;
 use fdm_numeric::least_squares::{Fallback, GaussNewton, Iteration, Options as StepOptions, Problem as _, Snapshot};
+use fdm_numeric::quadratic::Quadratic;
 use std::collections::HashSet;
 
 /// Estimates the free parameters of a problem by maximum likelihood (output error).
@@ -401,6 +402,72 @@ fn beside_smooth_nodes(problem: &Problem<'_>, directions: Vec<Direction>) -> Vec
         smooth.filter_map(|n| if let TableNode::Param(name) = n { Some(name.as_str()) } else { None }).collect();
     let others = |d: &Direction| d.moves.iter().any(|(name, _)| !names.contains(name.as_str()));
     directions.into_iter().filter(others).collect()
+}
+
+/// Most Gauss-Newton steps to a maximum that is near.
+const NEAR: usize = 4;
+/// Damping where the data do not determine all unknowns, as part of their scaled information.
+const DAMPING: f64 = 1e-8;
+
+/// A maximum of the likelihood near the start values.
+pub(crate) struct NearMaximum {
+    pub(crate) cost: f64,
+    /// All parameters of each run.
+    pub(crate) theta: Vec<Vec<f64>>,
+    /// The response of each run (N by q).
+    pub(crate) responses: Vec<Vec<f64>>,
+}
+
+/// The maximum of the likelihood that a few Gauss-Newton steps lead to from start values near it, as far as a step promises to gain more than `least`
+/// (nats): one step and one response, where the gain is what it promised. Smooth tables have the weights of the problem. None where there is no response.
+pub(crate) fn near_maximum(problem: &mut Problem<'_>, options: &Options, least: f64) -> Option<NearMaximum> {
+    if !problem.mistakes(options).is_empty() {
+        return None;
+    }
+    let mut posed = Posed::new(problem, options, (&[], None));
+    if !problem.smoothness.is_empty() {
+        let rows = SmoothTables::new(&problem.tables, problem, &posed.unknowns).rows(&problem.smoothness);
+        posed.priors = std::mem::take(&mut posed.priors).with(rows);
+    }
+    let unknowns = &posed.unknowns;
+    let mut likelihood = posed.cost(problem, unknowns);
+    let mut values = unknowns.start.clone();
+    let (mut weights, mut quadratic) = (Weights::default(), Quadratic::default());
+    for _ in 0..NEAR {
+        weights = likelihood.linearise(&values, None).ok()?;
+        likelihood.keep();
+        likelihood.gather(&values, &weights, &mut quadratic);
+        let inside = |j: &usize| unknowns.lower[*j] < values[*j] && values[*j] < unknowns.upper[*j];
+        let chosen: Vec<usize> = (0..values.len()).filter(|j| inside(j) && quadratic.scale[*j] > 0.0).collect();
+        let mut step = vec![0.0; values.len()];
+        let solved = !chosen.is_empty()
+            && quadratic.is_finite()
+            && (quadratic.solve(&chosen, 0.0, &mut step) || quadratic.solve(&chosen, DAMPING, &mut step));
+        let promised = if solved { quadratic.reduction(&step) } else { 0.0 };
+        if promised.is_nan() || promised <= least {
+            break;
+        }
+        let before = likelihood.cost(&weights);
+        let mut moved = values.clone();
+        for j in chosen {
+            moved[j] = (values[j] + step[j] / quadratic.scale[j]).clamp(unknowns.lower[j], unknowns.upper[j]);
+        }
+        let Ok(after) = likelihood.evaluate(&moved) else { break };
+        let gained = before - likelihood.cost(&after);
+        // no step helps where the likelihood is far from quadratic
+        if gained.is_nan() || gained <= 0.0 {
+            break;
+        }
+        likelihood.keep();
+        (values, weights) = (moved, after);
+        if (gained - promised).abs() <= least {
+            break;
+        }
+    }
+    let cost = likelihood.cost(&weights);
+    let responses = likelihood.evaluator.into_responses();
+    let theta = (0..responses.len()).map(|r| unknowns.assembled(r, &values)).collect();
+    cost.is_finite().then_some(NearMaximum { cost, theta, responses })
 }
 
 /// The cost at `start` (all parameters of each run), infinite where a response cannot be computed.
