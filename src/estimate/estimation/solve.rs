@@ -404,8 +404,11 @@ fn beside_smooth_nodes(problem: &Problem<'_>, directions: Vec<Direction>) -> Vec
     directions.into_iter().filter(others).collect()
 }
 
-/// Most Gauss-Newton steps to a maximum that is near.
-const NEAR: usize = 4;
+/// Most Gauss-Newton steps to a maximum that is near, and the parts of each that are tried.
+const NEAR: usize = 8;
+const PARTS: [f64; 4] = [1.0, 0.5, 0.25, 0.125];
+/// Part of a step by which rounding may shorten it.
+const ROUNDED: f64 = 1e-9;
 /// Damping where the data do not determine all unknowns, as part of their scaled information.
 const DAMPING: f64 = 1e-8;
 
@@ -416,6 +419,39 @@ pub(crate) struct NearMaximum {
     pub(crate) theta: Vec<Vec<f64>>,
     /// The response of each run (N by q).
     pub(crate) responses: Vec<Vec<f64>>,
+}
+
+/// The scaled Gauss-Newton step of what may move; what it would take beyond a bound goes there, and the others follow. Empty where there is none.
+fn bounded_step(quadratic: &Quadratic, values: &[f64], unknowns: &Unknowns) -> Vec<f64> {
+    let mut step = vec![0.0; values.len()];
+    if !quadratic.is_finite() {
+        return Vec::new();
+    }
+    // at a bound what leads away from it
+    let free = |j: &usize| {
+        let (below, above) = (unknowns.lower[*j] < values[*j], values[*j] < unknowns.upper[*j]);
+        (below || quadratic.rhs[*j] > 0.0) && (above || quadratic.rhs[*j] < 0.0)
+    };
+    let mut chosen: Vec<usize> = (0..values.len()).filter(|j| free(j) && quadratic.scale[*j] > 0.0).collect();
+    while !chosen.is_empty() {
+        if !quadratic.solve(&chosen, 0.0, &mut step) && !quadratic.solve(&chosen, DAMPING, &mut step) {
+            return Vec::new();
+        }
+        let bounded = |j: usize, step: f64| {
+            let value = values[j] + step / quadratic.scale[j];
+            (value.clamp(unknowns.lower[j], unknowns.upper[j]) - values[j]) * quadratic.scale[j]
+        };
+        let is_within = |j: &usize| (bounded(*j, step[*j]) - step[*j]).abs() <= ROUNDED * step[*j].abs();
+        let (within, beyond): (Vec<usize>, Vec<usize>) = chosen.iter().partition(|j| is_within(j));
+        if beyond.is_empty() {
+            break;
+        }
+        for j in beyond {
+            step[j] = bounded(j, step[j]);
+        }
+        chosen = within;
+    }
+    step
 }
 
 /// The maximum of the likelihood that a few Gauss-Newton steps lead to from start values near it, as far as a step promises to gain more than `least`
@@ -437,27 +473,26 @@ pub(crate) fn near_maximum(problem: &mut Problem<'_>, options: &Options, least: 
         weights = likelihood.linearise(&values, None).ok()?;
         likelihood.keep();
         likelihood.gather(&values, &weights, &mut quadratic);
-        let inside = |j: &usize| unknowns.lower[*j] < values[*j] && values[*j] < unknowns.upper[*j];
-        let chosen: Vec<usize> = (0..values.len()).filter(|j| inside(j) && quadratic.scale[*j] > 0.0).collect();
-        let mut step = vec![0.0; values.len()];
-        let solved = !chosen.is_empty()
-            && quadratic.is_finite()
-            && (quadratic.solve(&chosen, 0.0, &mut step) || quadratic.solve(&chosen, DAMPING, &mut step));
-        let promised = if solved { quadratic.reduction(&step) } else { 0.0 };
+        let step = bounded_step(&quadratic, &values, unknowns);
+        let promised = if step.is_empty() { 0.0 } else { quadratic.reduction(&step) };
         if promised.is_nan() || promised <= least {
             break;
         }
         let before = likelihood.cost(&weights);
-        let mut moved = values.clone();
-        for j in chosen {
-            moved[j] = (values[j] + step[j] / quadratic.scale[j]).clamp(unknowns.lower[j], unknowns.upper[j]);
+        // a step that is too long is halved
+        let mut taken = None;
+        for part in PARTS {
+            let part = |j: usize| if step[j] == 0.0 { 0.0 } else { part * step[j] / quadratic.scale[j] };
+            let moved: Vec<f64> =
+                (0..values.len()).map(|j| (values[j] + part(j)).clamp(unknowns.lower[j], unknowns.upper[j])).collect();
+            let Ok(after) = likelihood.evaluate(&moved) else { continue };
+            let gained = before - likelihood.cost(&after);
+            if gained > 0.0 {
+                taken = Some((moved, after, gained));
+                break;
+            }
         }
-        let Ok(after) = likelihood.evaluate(&moved) else { break };
-        let gained = before - likelihood.cost(&after);
-        // no step helps where the likelihood is far from quadratic
-        if gained.is_nan() || gained <= 0.0 {
-            break;
-        }
+        let Some((moved, after, gained)) = taken else { break };
         likelihood.keep();
         (values, weights) = (moved, after);
         if (gained - promised).abs() <= least {
