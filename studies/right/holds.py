@@ -100,10 +100,12 @@ def main():
                 names = ["t", "u", "y", "y2"][: table.shape[1]]
                 np.savetxt(data, table, delimiter=",", header=",".join(names), comments="", fmt="%.9g")
                 done = subprocess.run([fdm, "fit", model, "--data", data, "--verbose"], capture_output=True, text=True, cwd=folder)
-                taken = "is taken for held" in done.stderr
-                said_held = "went held between samples, not" in done.stdout
-                said_linear = "went in straight lines, not" in done.stdout
-                open_question = "does not say whether" in done.stdout
+                # sentences are wrapped to the terminal
+                noted, said = (" ".join(text.split()) for text in (done.stderr, done.stdout))
+                taken = "is taken for held" in noted
+                said_held = "went held between samples, not" in said
+                said_linear = "went in straight lines, not" in said
+                open_question = "does not say whether" in said
                 told = (taken and not said_linear) or said_held
                 totals.setdefault((held, kind), []).append(told)
                 rows.append([int(held), number, order, kind, rho, done.returncode, int(taken), int(said_held), int(said_linear), int(open_question)])

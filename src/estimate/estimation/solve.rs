@@ -22,6 +22,7 @@ use crate::work::Work;
 use crate::work::termination::Termination;
 use fdm_grammar::model::TableNode;
 use fdm_numeric::least_squares::{Fallback, GaussNewton, Iteration, Options as StepOptions, Problem as _, Snapshot};
+use fdm_numeric::quadratic::Quadratic;
 use std::collections::HashSet;
 
 /// Estimates the free parameters of a problem by maximum likelihood (output error).
@@ -401,6 +402,107 @@ fn beside_smooth_nodes(problem: &Problem<'_>, directions: Vec<Direction>) -> Vec
         smooth.filter_map(|n| if let TableNode::Param(name) = n { Some(name.as_str()) } else { None }).collect();
     let others = |d: &Direction| d.moves.iter().any(|(name, _)| !names.contains(name.as_str()));
     directions.into_iter().filter(others).collect()
+}
+
+/// Most Gauss-Newton steps to a maximum that is near, and the parts of each that are tried.
+const NEAR: usize = 8;
+const PARTS: [f64; 4] = [1.0, 0.5, 0.25, 0.125];
+/// Part of a step by which rounding may shorten it.
+const ROUNDED: f64 = 1e-9;
+/// Damping where the data do not determine all unknowns, as part of their scaled information.
+const DAMPING: f64 = 1e-8;
+
+/// A maximum of the likelihood near the start values.
+pub(crate) struct NearMaximum {
+    pub(crate) cost: f64,
+    /// All parameters of each run.
+    pub(crate) theta: Vec<Vec<f64>>,
+    /// The response of each run (N by q).
+    pub(crate) responses: Vec<Vec<f64>>,
+}
+
+/// The scaled Gauss-Newton step of what may move; what it would take beyond a bound goes there, and the others follow. Empty where there is none.
+fn bounded_step(quadratic: &Quadratic, values: &[f64], unknowns: &Unknowns) -> Vec<f64> {
+    let mut step = vec![0.0; values.len()];
+    if !quadratic.is_finite() {
+        return Vec::new();
+    }
+    // at a bound what leads away from it
+    let free = |j: &usize| {
+        let (below, above) = (unknowns.lower[*j] < values[*j], values[*j] < unknowns.upper[*j]);
+        (below || quadratic.rhs[*j] > 0.0) && (above || quadratic.rhs[*j] < 0.0)
+    };
+    let mut chosen: Vec<usize> = (0..values.len()).filter(|j| free(j) && quadratic.scale[*j] > 0.0).collect();
+    while !chosen.is_empty() {
+        if !quadratic.solve(&chosen, 0.0, &mut step) && !quadratic.solve(&chosen, DAMPING, &mut step) {
+            return Vec::new();
+        }
+        let bounded = |j: usize, step: f64| {
+            let value = values[j] + step / quadratic.scale[j];
+            (value.clamp(unknowns.lower[j], unknowns.upper[j]) - values[j]) * quadratic.scale[j]
+        };
+        let is_within = |j: &usize| (bounded(*j, step[*j]) - step[*j]).abs() <= ROUNDED * step[*j].abs();
+        let (within, beyond): (Vec<usize>, Vec<usize>) = chosen.iter().partition(|j| is_within(j));
+        if beyond.is_empty() {
+            break;
+        }
+        for j in beyond {
+            step[j] = bounded(j, step[j]);
+        }
+        chosen = within;
+    }
+    step
+}
+
+/// The maximum of the likelihood that a few Gauss-Newton steps lead to from start values near it, as far as a step promises to gain more than `least`
+/// (nats): one step and one response, where the gain is what it promised. Smooth tables have the weights of the problem. None where there is no response.
+pub(crate) fn near_maximum(problem: &mut Problem<'_>, options: &Options, least: f64) -> Option<NearMaximum> {
+    if !problem.mistakes(options).is_empty() {
+        return None;
+    }
+    let mut posed = Posed::new(problem, options, (&[], None));
+    if !problem.smoothness.is_empty() {
+        let rows = SmoothTables::new(&problem.tables, problem, &posed.unknowns).rows(&problem.smoothness);
+        posed.priors = std::mem::take(&mut posed.priors).with(rows);
+    }
+    let unknowns = &posed.unknowns;
+    let mut likelihood = posed.cost(problem, unknowns);
+    let mut values = unknowns.start.clone();
+    let (mut weights, mut quadratic) = (Weights::default(), Quadratic::default());
+    for _ in 0..NEAR {
+        weights = likelihood.linearise(&values, None).ok()?;
+        likelihood.keep();
+        likelihood.gather(&values, &weights, &mut quadratic);
+        let step = bounded_step(&quadratic, &values, unknowns);
+        let promised = if step.is_empty() { 0.0 } else { quadratic.reduction(&step) };
+        if promised.is_nan() || promised <= least {
+            break;
+        }
+        let before = likelihood.cost(&weights);
+        // a step that is too long is halved
+        let mut taken = None;
+        for part in PARTS {
+            let part = |j: usize| if step[j] == 0.0 { 0.0 } else { part * step[j] / quadratic.scale[j] };
+            let moved: Vec<f64> =
+                (0..values.len()).map(|j| (values[j] + part(j)).clamp(unknowns.lower[j], unknowns.upper[j])).collect();
+            let Ok(after) = likelihood.evaluate(&moved) else { continue };
+            let gained = before - likelihood.cost(&after);
+            if gained > 0.0 {
+                taken = Some((moved, after, gained));
+                break;
+            }
+        }
+        let Some((moved, after, gained)) = taken else { break };
+        likelihood.keep();
+        (values, weights) = (moved, after);
+        if (gained - promised).abs() <= least {
+            break;
+        }
+    }
+    let cost = likelihood.cost(&weights);
+    let responses = likelihood.evaluator.into_responses();
+    let theta = (0..responses.len()).map(|r| unknowns.assembled(r, &values)).collect();
+    cost.is_finite().then_some(NearMaximum { cost, theta, responses })
 }
 
 /// The cost at `start` (all parameters of each run), infinite where a response cannot be computed.

@@ -1,29 +1,30 @@
 //! Whether inputs were held between samples: of an input about which nobody said it, the likelihood compares both.
 //!
-//! The model is fitted once more with the input the other way, from the estimates. The two fits are no special cases of each other and have as many
+//! A Gauss-Newton step or two lead from the estimates to those with the input the other way. The two fits are no special cases of each other and have as many
 //! parameters, so that their likelihoods compare as they are. With e the residuals of one, e - d those of the other and white noise of variance s^2,
 //! the logarithm of their ratio is normal with mean `+-|d|^2/2s^2` and variance `|d|^2/s^2`. Coloured noise leaves the mean and makes the variance
 //! `d'R d/s^4`, R its autocovariances: what the same difference then says is its likelihood ratio under these two normal laws, the white
 //! one divided by `d'R d/(s^2 d'd)` (the power of the noise where the responses differ, beside its mean power).
 
-use crate::estimation::estimate::{Estimate, ParameterEstimate};
+use crate::estimation::estimate::ParameterEstimate;
+use crate::estimation::solve::{NearMaximum, near_maximum};
 use crate::examined::input_interpolation::{EstimateMove, InputInterpolation};
 use crate::methods::output_error::attempt::Attempt;
 use crate::methods::output_error::fit::Fit;
-use crate::methods::output_error::options::{FitOptions, SharedSteps};
-use crate::problem::Options;
-use crate::recovery::fallback::refit;
+use crate::methods::output_error::options::FitOptions;
+use crate::methods::output_error::single::weights;
+use crate::problem::Problem;
 use crate::residuals::autoregression::of_series;
+use crate::residuals::residuals;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::record::even_grid::EvenGrid;
-use fdm_system::simulate::Simulator;
+use fdm_system::simulate::{Simulator, Steps};
 
 /// Standard errors that no estimate can move by, below which both ways are the same.
 const NEGLIGIBLE: f64 = 0.1;
-/// Iterations of a fit that begins near its end, and its tolerance: estimates to a small part of their errors are all that is asked.
-const ITERATIONS: usize = 12;
-const TOLERANCE: f64 = 1e-4;
+/// What a further step must promise to gain, in nats: the remark begins at 4.6 of them, and what is left to go is then a fifth of a standard error at most.
+const LEAST_GAIN: f64 = 0.02;
 /// Standard errors from which the residuals are said to ask for more than twice the difference.
 const SIGNIFICANT: f64 = 3.0;
 
@@ -43,17 +44,12 @@ pub(crate) fn compare(fit: &Fit, reached: &Attempt<'_>) -> Vec<InputInterpolatio
         }
         let name = &fit.model.definition().inputs[input].quantity.name;
         work.doing(&format!("comparing `{name}` {}", if held { "in straight lines" } else { "held between samples" }));
-        let inner = Options {
-            colour: false,
-            iterations: ITERATIONS,
-            tolerance: options.options.tolerance.max(TOLERANCE),
-            ..options.options.clone()
-        };
-        let shared_steps = SharedSteps::of(fit.integration.clone()).provisional();
-        let options = FitOptions { options: inner, shared_steps, bare: true, ..options.clone() };
-        let other = Attempt { runs: &others, options: &options, work: &work.quiet(), ..*reached };
-        let Ok(other) = refit(fit, &other) else { continue };
-        found.extend(judged(name, held, fit, &other.estimate, runs));
+        let options = FitOptions { bare: true, ..options.clone() };
+        let steps: Vec<Steps> = fit.integration.iter().map(|a| a.steps.clone()).collect();
+        let Ok(problem) = (Attempt { runs: &others, options: &options, ..*reached }).problem(&steps) else { continue };
+        let mut problem = Problem { smoothness: weights(&fit.estimate), ..problem };
+        let Some(other) = near_maximum(&mut problem, &options.options, LEAST_GAIN) else { continue };
+        found.extend(judged(name, held, (fit, &other), runs));
     }
     found
 }
@@ -112,19 +108,19 @@ fn differs(fit: &Fit, others: &[Run], thetas: &[Vec<f64>]) -> bool {
 }
 
 /// What two fits of the same samples say.
-fn judged(input: &str, held: bool, fit: &Fit, other: &Estimate, runs: &[Run]) -> Option<InputInterpolation> {
+fn judged(input: &str, held: bool, (fit, other): (&Fit, &NearMaximum), runs: &[Run]) -> Option<InputInterpolation> {
     let now = &fit.estimate;
-    if other.runs.len() != now.runs.len() || other.termination.is_stopped() {
-        return None;
-    }
-    let white = now.cost? - other.cost?;
-    let better = if white > 0.0 { other } else { now };
+    let white = now.cost? - other.cost;
+    let of = |r: usize| residuals(&runs[r].measured, &other.responses[r]);
+    let others: Vec<Vec<f64>> = (0..runs.len()).map(of).collect();
+    let own: Vec<&[f64]> = now.runs.iter().map(|r| &r.residuals[..]).collect();
+    let better: Vec<&[f64]> = if white > 0.0 { others.iter().map(|r| &r[..]).collect() } else { own.clone() };
     let q = fit.model.layout().outputs;
     let (mut size, mut spread, mut asked) = (0.0, 0.0, 0.0);
     for o in 0..q {
         let column = |residuals: &[f64]| residuals.iter().skip(o).step_by(q).copied().collect::<Vec<f64>>();
         let (mut sum, mut count) = (0.0, 0.0);
-        for e in better.runs.iter().flat_map(|r| column(&r.residuals)).filter(|e| !e.is_nan()) {
+        for e in better.iter().flat_map(|r| column(r)).filter(|e| !e.is_nan()) {
             (sum, count) = (sum + e * e, count + 1.0);
         }
         let variance: f64 = sum / count;
@@ -132,12 +128,12 @@ fn judged(input: &str, held: bool, fit: &Fit, other: &Estimate, runs: &[Run]) ->
             continue;
         }
         for (r, run) in runs.iter().enumerate() {
-            let (from, to) = (column(&now.runs[r].residuals), column(&other.runs[r].residuals));
+            let (from, to) = (column(own[r]), column(&others[r]));
             let difference: Vec<f64> =
                 from.iter().zip(&to).map(|(a, b)| if (a - b).is_nan() { 0.0 } else { a - b }).collect();
             let grid = EvenGrid::of_compared(&run.time, |k| run.is_compared(k))
                 .unwrap_or_else(|_| EvenGrid::counted(run.len()));
-            let colour = of_series(&grid.spread(column(&better.runs[r].residuals).into_iter()));
+            let colour = of_series(&grid.spread(column(better[r]).into_iter()));
             let mut filtered: Vec<f64> = grid.spread(difference.iter().copied());
             filtered.iter_mut().filter(|v| v.is_nan()).for_each(|v| *v = 0.0);
             colour.backward_series(&mut filtered);
@@ -154,16 +150,18 @@ fn judged(input: &str, held: bool, fit: &Fit, other: &Estimate, runs: &[Run]) ->
         held,
         evidence: white * counts,
         white,
-        moves: largest_move(now, other),
+        moves: largest_move(fit, other, runs),
         asked: (asked - 2.0 > SIGNIFICANT * error).then_some(asked),
     })
 }
 
 /// The estimate that moves furthest in its standard errors.
-fn largest_move(now: &Estimate, other: &Estimate) -> Option<EstimateMove> {
+fn largest_move(fit: &Fit, other: &NearMaximum, runs: &[Run]) -> Option<EstimateMove> {
+    let definition = fit.model.definition();
     let moved = |p: &ParameterEstimate| {
         let error = p.corrected_error.or(p.standard_error).filter(|error| *error > 0.0)?;
-        let value = other.parameter(&p.name, p.run.as_deref())?.value;
+        let run = p.run.as_ref().map_or(Some(0), |name| runs.iter().position(|run| run.name == *name))?;
+        let value = other.theta.get(run)?[definition.param(&p.name)?];
         let standard_errors = (value - p.value) / error;
         standard_errors.is_finite().then(|| EstimateMove {
             parameter: p.name.clone(),
@@ -173,5 +171,5 @@ fn largest_move(now: &Estimate, other: &Estimate) -> Option<EstimateMove> {
         })
     };
     let size = |m: &EstimateMove| m.standard_errors.abs();
-    now.parameters.iter().filter_map(moved).max_by(|a, b| size(a).total_cmp(&size(b)))
+    fit.estimate.parameters.iter().filter_map(moved).max_by(|a, b| size(a).total_cmp(&size(b)))
 }

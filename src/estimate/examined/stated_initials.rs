@@ -6,18 +6,21 @@
 
 use crate::estimation::estimate::{ParameterEstimate, Status};
 use crate::examined::doubted_initials::{DoubtedInitial, DoubtedInitials, MovedParameter};
+use crate::iteration::normal_equations::NormalEquations;
 use crate::methods::output_error::attempt::Attempt;
 use crate::methods::output_error::error::FitError;
 use crate::methods::output_error::fit::Fit;
 use crate::methods::output_error::options::{Continuation, FitOptions, SharedSteps};
-use crate::methods::spectra::initial_conditions::with_initials;
+use crate::methods::spectra::initial_conditions::{all_are_free, with_initials};
 use crate::methods::time_domain::fit_from;
+use crate::problem::unknowns::Unknowns;
+use crate::work::Work;
 use fdm_grammar::graph::Leaf;
 use fdm_grammar::model::{Origin, Param};
 use fdm_numeric::statistics::{Student, chi_squared_tail, normal_tail};
 use fdm_system::model::Model;
 use fdm_system::record::Run;
-use fdm_system::simulate::{Block, Simulator};
+use fdm_system::simulate::{Simulator, Steps};
 use nalgebra::{DMatrix, DVector};
 
 /// Probability, over all initial values of a model together, of a remark on values that are right. Errors that allow for the colour of residuals are known
@@ -48,7 +51,7 @@ pub(crate) fn doubted_initials(fit: &Fit, reached: &Attempt<'_>) -> Result<Optio
     }
     let Some(freed) = Freed::of(fit, runs, thetas) else { return Ok(None) };
     work.doing("judging the stated initial values");
-    let Some(states) = freed.worth_a_fit() else { return Ok(None) };
+    let Some(states) = freed.worth_a_fit(options) else { return Ok(None) };
     if !work.goes_on() {
         return Ok(None);
     }
@@ -71,24 +74,23 @@ pub(crate) fn doubted_initials(fit: &Fit, reached: &Attempt<'_>) -> Result<Optio
 struct Freed<'f> {
     fit: &'f Fit,
     runs: &'f [Run],
+    /// All parameters of each run of the fit, and with the stated initial values those of `model`.
     thetas: &'f [Vec<f64>],
+    starts: Vec<Vec<f64>>,
     model: Model,
     /// Initial values (by parameter of `model`) and their states.
     initials: Vec<(usize, usize)>,
     /// Stated initial values, runs by `initials`.
     stated: Vec<Vec<f64>>,
-    /// Parameters (of `model`) that may move: those that were estimated, then the initial values.
-    open: Vec<usize>,
-    /// Whether each of them belongs to its run.
-    own: Vec<bool>,
+    /// Whether each parameter (of `model`) is held: fixed, or neither estimated nor an initial value.
+    held: Vec<bool>,
     /// Sums of squares of the residuals of each output (q), and how many there are.
     squares: Vec<(f64, usize)>,
 }
 
-/// One Gauss-Newton step: the normal equations in all unknowns, and where the initial values stand there.
+/// One Gauss-Newton step: the normal equations in all unknowns.
 struct Step {
-    /// Unknown of each run and open parameter.
-    place: Vec<Vec<usize>>,
+    unknowns: Unknowns,
     /// Information (U by U).
     information: DMatrix<f64>,
     /// Score (U).
@@ -98,6 +100,9 @@ struct Step {
 impl<'f> Freed<'f> {
     fn of(fit: &'f Fit, runs: &'f [Run], thetas: &'f [Vec<f64>]) -> Option<Self> {
         let before = fit.model.definition().params.len();
+        if all_are_free(&fit.model) {
+            return None;
+        }
         let model = with_initials(&fit.model, thetas.first()?, &|_| true);
         let params = &model.definition().params;
         let state =
@@ -109,26 +114,23 @@ impl<'f> Freed<'f> {
         if initials.is_empty() || stated.iter().flatten().any(|v| !v.is_finite()) {
             return None;
         }
-        let estimated = |p: &Param, k: usize| {
+        let estimated = |p: &Param| {
             let own = p.per_run.then(|| runs[0].name.as_str());
             let found = fit.estimate.parameter(&p.quantity.name, own);
-            k >= before
-                || !p.fixed && found.is_none_or(|f| matches!(f.status, Status::Estimated | Status::NotDetermined))
+            found.is_none_or(|f| matches!(f.status, Status::Estimated | Status::NotDetermined))
         };
-        let open: Vec<usize> = (0..params.len()).filter(|k| !params[*k].fixed && estimated(&params[*k], *k)).collect();
-        let own = open.iter().map(|k| params[*k].per_run).collect();
+        let held: Vec<bool> = params.iter().enumerate().map(|(k, p)| p.fixed || k < before && !estimated(p)).collect();
+        let unknowns = params.iter().zip(&held).filter(|(_, held)| !**held);
+        let unknowns: usize = unknowns.map(|(p, _)| if p.per_run { runs.len() } else { 1 }).sum();
         let q = model.definition().outputs.len();
         let of_output = |o: usize| {
             let values = fit.estimate.runs.iter().flat_map(|r| r.residuals.iter().skip(o).step_by(q));
             values.filter(|v| !v.is_nan()).fold((0.0, 0), |(sum, count), v| (sum + v * v, count + 1))
         };
         let squares = (0..q).map(of_output).collect();
-        let freed = Self { fit, runs, thetas, model, initials, stated, open, own, squares };
-        (freed.unknowns() <= MOST_COLUMNS).then_some(freed)
-    }
-
-    fn unknowns(&self) -> usize {
-        self.own.iter().map(|own| if *own { self.runs.len() } else { 1 }).sum()
+        let starts = thetas.iter().zip(&stated).map(|(theta, own)| [&theta[..], own].concat()).collect();
+        let freed = Self { fit, runs, thetas, starts, model, initials, stated, held, squares };
+        (unknowns <= MOST_COLUMNS).then_some(freed)
     }
 
     /// Values that are compared.
@@ -137,8 +139,8 @@ impl<'f> Freed<'f> {
     }
 
     /// The states whose initial values a fit is worth, by what is expected of it.
-    fn worth_a_fit(&self) -> Option<Vec<usize>> {
-        let step = self.step()?;
+    fn worth_a_fit(&self, options: &FitOptions) -> Option<Vec<usize>> {
+        let step = self.step(options)?;
         let reduced = Reduced::of(self, &step)?;
         let states = reduced.selected(self)?;
         let moves = reduced.moves(&states)?;
@@ -154,63 +156,29 @@ impl<'f> Freed<'f> {
         gain > cost(numbers, samples) && chance < CHANCE
     }
 
-    /// All runs with sensitivities to what may move, block by block to `sink` with the run.
-    fn stream(&self, sink: &mut dyn FnMut(usize, Block<'_>)) -> Option<()> {
-        for (r, (run, theta)) in self.runs.iter().zip(self.thetas).enumerate() {
-            let mut whole = theta.clone();
-            whole.extend(&self.stated[r]);
-            let steps = self.fit.integration.get(r)?.steps.clone();
-            let mut simulator = Simulator::new(self.model.dynamics(), run, steps).ok()?;
-            simulator.suits(&whole).ok()?;
-            simulator.stream(&whole, &self.open, &mut |block| sink(r, block)).ok()?;
-        }
-        Some(())
+    fn steps(&self) -> Vec<Steps> {
+        self.fit.integration.iter().map(|a| a.steps.clone()).collect()
     }
 
     /// The normal equations at the estimates, outputs weighed by their residuals.
-    fn step(&self) -> Option<Step> {
-        let mut next = 0;
-        let mut shared = vec![0; self.open.len()];
-        for (place, _) in shared.iter_mut().zip(&self.own).filter(|(_, own)| !**own) {
-            *place = next;
-            next += 1;
-        }
-        let of_run = |_| {
-            let of = |(own, shared): (&bool, &usize)| {
-                if *own {
-                    next += 1;
-                    next - 1
-                } else {
-                    *shared
-                }
-            };
-            self.own.iter().zip(&shared).map(of).collect()
+    fn step(&self, options: &FitOptions) -> Option<Step> {
+        let Self { model, runs, starts, .. } = self;
+        let attempt = Attempt { model, runs, starts, options, work: &Work::default() };
+        let mut problem = attempt.problem(&self.steps()).ok()?;
+        problem.params.iter_mut().zip(&self.held).for_each(|(p, held)| p.fixed = *held);
+        let deviation = |(sum, count): &(f64, usize)| match *sum > 0.0 {
+            true => (sum / *count as f64).sqrt(),
+            // what is met says nothing of the others
+            false => f64::INFINITY,
         };
-        let place: Vec<Vec<usize>> = (0..self.runs.len()).map(of_run).collect();
-        let weight = |(sum, count): &(f64, usize)| if *sum > 0.0 { *count as f64 / sum } else { 0.0 };
-        let weights: Vec<f64> = self.squares.iter().map(weight).collect();
-        let (mut information, mut score) = (DMatrix::zeros(next, next), DVector::zeros(next));
-        self.stream(&mut |r, block| {
-            for sample in 0..block.samples() {
-                for (o, weight) in weights.iter().enumerate() {
-                    let residual = block.residual(&self.runs[r].measured, sample, o);
-                    if residual.is_nan() {
-                        continue;
-                    }
-                    let (columns, row) = (&block.layout.outputs[o].columns, block.row(sample, o));
-                    for (a, (i, left)) in columns.iter().zip(row).enumerate() {
-                        let i = place[r][*i as usize];
-                        score[i] += weight * left * residual;
-                        for (j, right) in columns.iter().zip(row).take(a + 1) {
-                            information[(i, place[r][*j as usize])] += weight * left * right;
-                        }
-                    }
-                }
-            }
-        })?;
-        // columns of an output rise, unknowns need not
-        let whole = &information + information.transpose() - DMatrix::from_diagonal(&information.diagonal());
-        whole.iter().all(|v: &f64| v.is_finite()).then_some(Step { place, information: whole, score })
+        let deviations: Vec<f64> = self.squares.iter().map(deviation).collect();
+        let unknowns = Unknowns::new(&problem);
+        let mut equations = NormalEquations::new(&mut problem, &deviations);
+        equations.evaluate(&unknowns.start).ok()?;
+        let size = unknowns.len();
+        let information = DMatrix::from_row_slice(size, size, equations.information());
+        let score = DVector::from_column_slice(equations.gradient());
+        information.iter().all(|v| v.is_finite()).then_some(Step { unknowns, information, score })
     }
 
     /// What freeing would raise the logarithm of the likelihood by, were the model linear, with the number of independent values that it is known from: each
@@ -218,19 +186,24 @@ impl<'f> Freed<'f> {
     fn expected(&self, step: &Step, moves: &DVector<f64>) -> Option<(f64, f64)> {
         let q = self.squares.len();
         let mut left: Vec<Vec<Vec<f64>>> = vec![vec![Vec::new(); self.runs.len()]; q];
-        self.stream(&mut |r, block| {
-            for sample in 0..block.samples() {
-                for (o, left) in left.iter_mut().enumerate() {
-                    let residual = block.residual(&self.runs[r].measured, sample, o);
-                    if residual.is_nan() {
-                        continue;
+        for (r, ((run, theta), steps)) in self.runs.iter().zip(&self.starts).zip(self.steps()).enumerate() {
+            let columns = &step.unknowns.columns;
+            let moves: Vec<f64> = (0..columns.len()).map(|c| moves[step.unknowns.position(r, c)]).collect();
+            let mut simulator = Simulator::new(self.model.dynamics(), run, steps).ok()?;
+            let streamed = simulator.stream(theta, columns, &mut |block| {
+                for sample in 0..block.samples() {
+                    for (o, left) in left.iter_mut().enumerate() {
+                        let residual = block.residual(&run.measured, sample, o);
+                        if residual.is_nan() {
+                            continue;
+                        }
+                        let lanes = block.layout.outputs[o].columns.iter().zip(block.row(sample, o));
+                        left[r].push(residual - lanes.map(|(i, s)| s * moves[*i as usize]).sum::<f64>());
                     }
-                    let columns = block.layout.outputs[o].columns.iter().zip(block.row(sample, o));
-                    let moved: f64 = columns.map(|(i, s)| s * moves[step.place[r][*i as usize]]).sum();
-                    left[r].push(residual - moved);
                 }
-            }
-        })?;
+            });
+            streamed.ok()?;
+        }
         let (mut gain, mut samples) = (0.0, 0.0);
         for ((before, count), runs) in self.squares.iter().zip(&left).filter(|((before, _), _)| *before > 0.0) {
             let after: f64 = runs.iter().flatten().map(|v| v * v).sum();
@@ -346,9 +319,8 @@ struct Reduced {
 
 impl Reduced {
     fn of(freed: &Freed<'_>, step: &Step) -> Option<Self> {
-        let first = freed.open.len() - freed.initials.len();
-        let initials: Vec<Vec<usize>> =
-            (first..freed.open.len()).map(|k| step.place.iter().map(|places| places[k]).collect()).collect();
+        let of_run = |k: usize| (0..freed.runs.len()).map(|r| step.unknowns.of(r, k)).collect::<Option<Vec<usize>>>();
+        let initials: Vec<Vec<usize>> = freed.initials.iter().map(|(k, _)| of_run(*k)).collect::<Option<_>>()?;
         let order: Vec<usize> = initials.iter().flatten().copied().collect();
         let others: Vec<usize> = (0..step.score.len()).filter(|u| !order.contains(u)).collect();
         let part = |rows: &[usize], columns: &[usize]| {

@@ -3,9 +3,13 @@
 use crate::estimation::estimate::Estimate;
 use crate::recovery::continuation::Length;
 use crate::work::termination::Termination;
+use fdm_grammar::graph::Signal;
+use fdm_numeric::eigen::eigenvalues;
+use fdm_system::dynamics::{Point, Workspace};
 use fdm_system::linear::{LinearModel, Mode, Modes, Recorded, Values};
 use fdm_system::model::Model;
 use fdm_system::record::Run;
+use nalgebra::DMatrix;
 
 /// Growth, in e-folds over a record, beyond which no free response follows it: the squares of sensitivities to the beginning then cover more
 /// than the digits of a number, `e^(2 growth) > 1/epsilon`, so that the normal equations know the beginning or the end and not both.
@@ -43,6 +47,9 @@ impl FreeResponse {
     ) -> Option<Self> {
         let definition = model.definition();
         if !model.layout().affine.rates || model.layout().states == 0 {
+            return None;
+        }
+        if !may_grow(model, theta) {
             return None;
         }
         let mut linear = LinearModel::near(model, &Recorded::of(definition, runs)).ok()?;
@@ -110,6 +117,28 @@ impl FreeResponse {
         let Self { length, state, unit, .. } = self;
         Termination::Unstable { growth, length, state, unit }
     }
+}
+
+/// Whether a root of a model whose rates are affine lies in the right half plane; true where delayed states leave that open. Most models
+/// do not grow, and this costs a hundredth of their linear model with its derivatives.
+fn may_grow(model: &Model, theta: &[f64]) -> bool {
+    let (layout, dynamics) = (model.layout(), model.dynamics());
+    if layout.delayed.iter().any(|s| matches!(s, Signal::State(_))) {
+        return true;
+    }
+    let n = layout.states;
+    let (mut known, mut work) = (vec![0.0; layout.known], Workspace::new(dynamics));
+    dynamics.prepare(theta, &mut known, &mut work);
+    let (drive, mut x, mut rest) = (vec![0.0; layout.drive()], vec![0.0; n], vec![0.0; n]);
+    dynamics.rates(Point { t: 0.0, x: &x, drive: &drive, known: &known }, &mut rest, &mut work);
+    let (mut slopes, mut rates) = (DMatrix::zeros(n, n), vec![0.0; n]);
+    for j in 0..n {
+        x[j] = 1.0;
+        dynamics.rates(Point { t: 0.0, x: &x, drive: &drive, known: &known }, &mut rates, &mut work);
+        x[j] = 0.0;
+        (0..n).for_each(|i| slopes[(i, j)] = rates[i] - rest[i]);
+    }
+    eigenvalues(&slopes).is_none_or(|roots| roots.iter().any(|s| s.re.is_nan() || s.re > 0.0))
 }
 
 /// Whether the free response at the model's start values is lost over the longest run, while the outputs stay in place. No plain fit leads anywhere

@@ -88,6 +88,14 @@ struct Line {
     freedom: Option<f64>,
 }
 
+/// What one Gauss-Newton step of the others would gain.
+struct Refit {
+    cost: f64,
+    gained: f64,
+    /// Unknowns and by how much they move.
+    step: Vec<(usize, f64)>,
+}
+
 /// One end of the interval by the error, as seen from the estimate.
 struct Side {
     /// Below -1, above 1.
@@ -102,7 +110,8 @@ struct Side {
 
 impl Neighbourhood<'_, '_, '_, '_> {
     /// The intervals that do not hold, or say too little, of the two parameters that are most likely to have such. `logarithmic` says which unknowns have
-    /// intervals that are even in their logarithm. Takes a dozen responses with sensitivities at most where there is none.
+    /// intervals that are even in their logarithm. Takes four responses where there is none, two of
+    /// them with sensitivities.
     pub(crate) fn curved(&mut self, logarithmic: impl Fn(usize) -> bool, work: &Work<'_>) -> Vec<Curved> {
         if self.bound.noise.is_none() {
             return Vec::new();
@@ -138,8 +147,14 @@ impl Neighbourhood<'_, '_, '_, '_> {
     /// Whether the interval of a parameter holds more or less often than it says.
     fn curved_along(&mut self, line: &Line) -> Option<Curved> {
         let end = quantile(line.freedom);
-        let sides = [-1.0, 1.0].map(|sign| self.side(line, sign, end));
-        let holds = 1.0 - sides.iter().map(|side| line.missed(side)).sum::<f64>();
+        let mut sides = [-1.0, 1.0].map(|sign| self.side(line, sign, end));
+        if self.is_plain(line, &sides, end) {
+            return None;
+        }
+        for side in &mut sides {
+            side.distance = self.distance(line, side, side.at);
+        }
+        let holds = 1.0 - sides.iter().map(|side| line.missed(side, side.distance)).sum::<f64>();
         if holds >= HOLDS && sides.iter().all(|side| side.distance * HALF_WAY <= end) {
             return None;
         }
@@ -151,13 +166,24 @@ impl Neighbourhood<'_, '_, '_, '_> {
         told.then_some(Curved { unknown: line.unknown, holds, interval: [low, high] })
     }
 
-    fn side(&mut self, line: &Line, sign: f64, end: f64) -> Side {
+    fn side(&self, line: &Line, sign: f64, end: f64) -> Side {
         let unknowns = self.cost.unknowns;
         let bound = if sign < 0.0 { unknowns.lower[line.unknown] } else { unknowns.upper[line.unknown] };
         let bound = line.errors_to(self.values[line.unknown], bound);
-        let mut side = Side { sign, at: end.min(bound), bound, distance: 0.0 };
-        side.distance = self.distance(line, &side, side.at);
-        side
+        Side { sign, at: end.min(bound), bound, distance: 0.0 }
+    }
+
+    /// Whether the interval holds by far: both ends by their responses, at one of them with sensitivities. What refitting the others gains there is of the
+    /// third order of the likelihood and as much on both sides; twice of it is allowed for.
+    fn is_plain(&mut self, line: &Line, sides: &[Side; 2], end: f64) -> bool {
+        let [below, above] = sides;
+        let (there, opposite) = (self.followed(line, above, above.at), self.followed(line, below, below.at));
+        let Some(Refit { cost, gained, .. }) = self.refit(line, &there) else { return false };
+        let Ok(weights) = self.cost.evaluate(&opposite) else { return false };
+        let costs = [self.cost.cost(&weights), cost];
+        let distances = |gained: f64| costs.map(|cost| self.errors_of(cost - gained - self.least) / line.factor);
+        let missed: f64 = sides.iter().zip(distances(2.0 * gained)).map(|(side, d)| line.missed(side, d)).sum();
+        1.0 - missed >= HOLDS && distances(0.0).iter().all(|d| d * HALF_WAY <= end)
     }
 
     /// How many errors away the likelihood ends the interval; none where that is too far.
@@ -196,31 +222,38 @@ impl Neighbourhood<'_, '_, '_, '_> {
         let mut there = self.followed(line, side, at);
         let mut best = f64::INFINITY;
         for _ in 0..ROUNDS {
-            let Ok(weights) = self.cost.linearise(&there, None) else { break };
-            let cost = self.cost.cost(&weights);
-            let mut quadratic = Quadratic::default();
-            self.cost.gather(&there, &weights, &mut quadratic);
-            if !cost.is_finite() || !quadratic.is_finite() {
-                break;
-            }
-            let inside = |j: &usize| unknowns.lower[*j] < there[*j] && there[*j] < unknowns.upper[*j];
-            let others = self.bound.inverse.chosen.iter().copied().filter(|j| *j != line.unknown && inside(j));
-            let others: Vec<usize> = others.filter(|j| quadratic.scale[*j] > 0.0).collect();
-            let mut step = vec![0.0; there.len()];
-            // a parameter alone has nothing to follow it
-            let moves = !others.is_empty()
-                && (quadratic.solve(&others, 0.0, &mut step) || quadratic.solve(&others, DAMPING, &mut step));
-            let gained = if moves { quadratic.reduction(&step).max(0.0) } else { 0.0 };
+            let Some(Refit { cost, gained, step }) = self.refit(line, &there) else { break };
             if gained <= SMALL {
                 best = best.min(cost - gained);
                 break;
             }
             best = best.min(cost);
-            for j in others {
-                there[j] = (there[j] + step[j] / quadratic.scale[j]).clamp(unknowns.lower[j], unknowns.upper[j]);
+            for (j, step) in step {
+                there[j] = (there[j] + step).clamp(unknowns.lower[j], unknowns.upper[j]);
             }
         }
         self.errors_of(best - self.least) / line.factor
+    }
+
+    /// One Gauss-Newton step of all unknowns but one; none where there is no response.
+    fn refit(&mut self, line: &Line, there: &[f64]) -> Option<Refit> {
+        let unknowns = self.cost.unknowns;
+        let weights = self.cost.linearise(there, None).ok()?;
+        let cost = self.cost.cost(&weights);
+        let mut quadratic = Quadratic::default();
+        self.cost.gather(there, &weights, &mut quadratic);
+        if !cost.is_finite() || !quadratic.is_finite() {
+            return None;
+        }
+        let inside = |j: &usize| unknowns.lower[*j] < there[*j] && there[*j] < unknowns.upper[*j];
+        let others = self.bound.inverse.chosen.iter().copied().filter(|j| *j != line.unknown && inside(j));
+        let others: Vec<usize> = others.filter(|j| quadratic.scale[*j] > 0.0).collect();
+        let mut step = vec![0.0; there.len()];
+        // a parameter alone has nothing to follow it
+        let moves = !others.is_empty()
+            && (quadratic.solve(&others, 0.0, &mut step) || quadratic.solve(&others, DAMPING, &mut step));
+        let gained = if moves { quadratic.reduction(&step).max(0.0) } else { 0.0 };
+        Some(Refit { cost, gained, step: others.into_iter().map(|j| (j, step[j] / quadratic.scale[j])).collect() })
     }
 
     /// All unknowns with one so many errors from its estimate, the others where the information says that they follow.
@@ -251,14 +284,14 @@ impl Neighbourhood<'_, '_, '_, '_> {
 }
 
 impl Line {
-    /// Probability that the true value lies beyond an end: none beyond a bound.
-    fn missed(&self, side: &Side) -> f64 {
+    /// Probability that the true value lies beyond an end that is so many errors away: none beyond a bound.
+    fn missed(&self, side: &Side, distance: f64) -> f64 {
         if side.at >= side.bound {
             return 0.0;
         }
         match self.freedom.and_then(|f| Student::new(f.max(1.0))) {
-            Some(law) => law.tail(side.distance),
-            None => normal_tail(side.distance),
+            Some(law) => law.tail(distance),
+            None => normal_tail(distance),
         }
     }
 

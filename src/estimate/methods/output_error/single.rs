@@ -113,7 +113,7 @@ pub(crate) fn single_fit(attempt: &Attempt<'_>) -> Result<Fit, FitError> {
 }
 
 /// The weights of the axes of smooth tables, as they were chosen.
-fn weights(estimate: &Estimate) -> Vec<f64> {
+pub(crate) fn weights(estimate: &Estimate) -> Vec<f64> {
     estimate.smoothing.iter().flat_map(|s| s.weights.iter().copied()).collect()
 }
 

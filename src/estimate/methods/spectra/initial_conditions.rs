@@ -81,6 +81,13 @@ pub(crate) fn with_initials(model: &Model, values: &[f64], wanted: &dyn Fn(usize
     model.altered(definition)
 }
 
+/// Whether every initial value depends on a free parameter of each run.
+pub(crate) fn all_are_free(model: &Model) -> bool {
+    let definition = model.definition();
+    let own = own(&definition.graph, &definition.params);
+    definition.states.iter().all(|state| own[state.initial.index()])
+}
+
 /// Frees initial values; returns for each node from before whether it depends on a free parameter of each run.
 fn free_initials(definition: &mut fdm_grammar::Model, values: &[f64], wanted: &dyn Fn(usize) -> bool) -> Vec<bool> {
     let own = own(&definition.graph, &definition.params);
