@@ -71,8 +71,8 @@ pub enum DiagnosisError {
     },
     /// Bins that repeat each other.
     #[error(
-        "bins {spacing} apart repeat each other: run `{run}` tells those apart that are {least:.4} or more apart, and chances would \
-         be wrong; leave `--df` out"
+        "bins {spacing} apart repeat each other: run `{run}` tells those apart that are {least:.4} or more apart, and probabilities \
+         would be wrong; leave `--df` out"
     )]
     TooClose {
         /// The run.
@@ -91,7 +91,7 @@ pub enum DiagnosisError {
         run: String,
     },
     /// Work was stopped while there was no result yet.
-    #[error("stopped before the model was fitted and the candidates screened: nothing was found yet")]
+    #[error("stopped before the model was fitted: nothing was found yet")]
     Stopped,
     /// No output was measured.
     #[error("no run has a measured output to compare with")]

@@ -187,8 +187,7 @@ impl Predictor {
     /// What is told of the frequency domain; none in time.
     pub(crate) fn told(&self) -> Option<FrequencyDomain> {
         let Self::Bins { bins, .. } = self else { return None };
-        let mut notes =
-            vec!["disturbances and unmodelled nonlinearities are localised in the time domain only".to_string()];
+        let mut notes = vec!["disturbances and laws are looked for in the time domain only".to_string()];
         let carried: Vec<&str> = bins.measured_regressors().iter().map(|term| term.text.as_str()).collect();
         if !carried.is_empty() {
             notes.push(format!("measured regressors, with their noise: {}", carried.join(", ")));

@@ -66,10 +66,6 @@ const DIRECTIONS: usize = 2;
 const KEPT: usize = 500;
 /// Part of the deviation of an input that may be lost, as its root mean square.
 const LOST: f64 = 1e-3;
-/// What is told of a search in time that compares a part of what was measured.
-const TOLD_IN_TIME: &str =
-    "the errors of all models are told over all samples, and what is recommended is fitted to all of them";
-
 /// Every k-th sample of runs that are longer than a search with so many candidates needs, and what was left out, in a sentence. Where inputs
 /// need more samples than that, the outputs are compared at fewer. In time, of the rows between those stay in which an input bends: the
 /// motion loses nothing, and a search makes as many steps less. Where inputs bend everywhere that saves numbers only.
@@ -112,9 +108,8 @@ pub(crate) fn thinned(
         ));
     }
     let note = (!said.is_empty()).then(|| {
-        let told = if in_time { TOLD_IN_TIME } else { "all errors are those of what is left" };
         format!(
-            "{}, as there are {candidates} candidates; {told}. `--without` and `--only` leave more time for each",
+            "{}, as there are {candidates} candidates; all errors are those of what is left. `--without` and `--only` leave more time for each",
             said.join("; ")
         )
     });

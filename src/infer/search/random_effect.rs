@@ -315,10 +315,8 @@ impl Ground<'_> {
         let _ = outputs;
         let mut found = Vec::new();
         for (j, own) in definition.states.iter().enumerate() {
-            let is_it = |o: &fdm_grammar::model::Output| {
-                definition.graph.node(o.expr)
-                    == Node::Leaf(Leaf::State(j as u32))
-            };
+            let is_it =
+                |o: &fdm_grammar::model::Output| definition.graph.node(o.expr) == Node::Leaf(Leaf::State(j as u32));
             let shown = definition.outputs.iter().position(is_it);
             let course = |r: usize| -> Vec<f64> {
                 let simulated = states[r].iter().skip(j).step_by(n.max(1)).copied();
