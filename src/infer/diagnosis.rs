@@ -233,7 +233,7 @@ pub struct OutputGain {
     pub rms_before: Option<f64>,
     /// Root mean square of the residual with the effects.
     pub rms_after: Option<f64>,
-    /// What the likeliest explanation leaves.
+    /// What white noise as large as the residual's upper frequencies would leave.
     pub noise_level: f64,
     /// Theil's inequality coefficient, before.
     pub tic_before: Option<f64>,

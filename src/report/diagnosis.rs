@@ -22,7 +22,7 @@ const FEW: usize = 12;
 const NAMED: usize = 3;
 /// Nats behind the likeliest place within which others are named: odds of 100 : 1.
 const ALIKE: f64 = 4.6;
-/// Fits that are shown in text where nothing was found.
+/// Fits of a search that are shown.
 const NEAREST: usize = 5;
 /// Outputs whose errors have columns of their own in text.
 const OUTPUTS: usize = 2;
@@ -281,7 +281,6 @@ fn front(found: &DiagnosisDocument) -> Option<Section> {
             }
         }
     }
-    table.sentence("", |m| if m.recommended { "written".into() } else { String::new() });
     let note = "Each model as it is written: fitted once more by plain output error, and simulated. Errors are parts of that of the model \
                 as it was given, the mean over outputs.";
     let section = Section::new("best-models", "Best models by size").explained(note);
@@ -290,7 +289,11 @@ fn front(found: &DiagnosisDocument) -> Option<Section> {
 
 /// The effects of a model of the front.
 fn named(model: &&FrontModel) -> String {
-    if model.effects.is_empty() { "as given".into() } else { joined(&model.effects) }
+    match (model.effects.is_empty(), model.recommended) {
+        (true, _) => "as given".into(),
+        (false, true) => format!("{} (written)", joined(&model.effects)),
+        (false, false) => joined(&model.effects),
+    }
 }
 
 fn joined(effects: &[EffectAt]) -> String {
@@ -444,15 +447,18 @@ fn moved(found: &DiagnosisDocument) -> Option<Section> {
 
 /// What was fitted, search by search.
 fn tried(found: &DiagnosisDocument) -> Option<Section> {
-    let all = || found.searches.iter().enumerate().flat_map(|(k, s)| s.tried.iter().map(move |t| (k + 1, t)));
-    let count = all().count();
-    let mut table = Rows::over(all().take(if found.causes.is_empty() { NEAREST } else { usize::MAX }));
+    let count: usize = found.searches.iter().map(|s| s.tried.len()).sum();
+    let best = found.searches.iter().enumerate();
+    let best = best.flat_map(|(k, s)| s.tried.iter().take(NEAREST).map(move |t| (k + 1, t)));
+    let mut table = Rows::over(best);
     table.name("tried", |(_, t)| joined(&t.effects));
     table.number("search", |(k, _)| k.to_string());
     table.number("evidence", |(_, t)| format!("{:+.1}", t.evidence));
-    let summary = format!("{count} fits, with their evidence beside the model from which each search went on");
+    let summary =
+        format!("the likeliest of {count} fits, with their evidence beside the model from which each search went on");
     let folded = Part::Folded { summary, open: count <= FEW, class: "", parts: vec![table.into()] };
-    (count > 0).then(|| Section::new("tried", "What was tried").with(folded))
+    let more = (count > 0).then(|| Part::Line(format!("the likeliest of {count} fits (--json lists all)")).in_text());
+    (count > 0).then(|| Section::new("tried", "What was tried").with(folded).with_all(more))
 }
 
 /// Why the search ended, and what was assumed.

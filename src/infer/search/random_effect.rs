@@ -310,9 +310,8 @@ impl Ground<'_> {
     pub(crate) fn signals(&self, state: &State) -> Vec<(String, Vec<Vec<f64>>)> {
         let Some(fitted) = state.fitted(self.runs) else { return Vec::new() };
         let definition = state.text.model.definition();
-        let (states, outputs) = crate::candidates::extended_model::states_and_outputs(&fitted, self.runs.all);
+        let (states, _) = crate::candidates::extended_model::states_and_outputs(&fitted, self.runs.all);
         let (n, m, q) = (definition.states.len(), definition.inputs.len(), definition.outputs.len());
-        let _ = outputs;
         let mut found = Vec::new();
         for (j, own) in definition.states.iter().enumerate() {
             let is_it =

@@ -179,6 +179,7 @@ impl Judge<'_> {
             front.push(FrontModel { effects: vec![curve.place.clone()], parameters: curve.parameters, ..described });
         }
         let written = written.or(curve.map(|c| c.written));
+        let lack_of_fit = self.lack_of_fit();
         let after = written.as_ref().map_or(&first.response, |w| &w.fitted.response);
         Ok(Diagnosis {
             verdict,
@@ -189,12 +190,12 @@ impl Judge<'_> {
             steps: found.steps,
             left_out: found.left_out,
             biased: if named { biased(&found.null, &found.best) } else { Vec::new() },
-            outputs: self.outputs(after, &levels(ground, &found.best)),
+            outputs: self.outputs(after, &lack_of_fit),
             overlays: self.overlays(after),
             extended: written.map(|w| w.text),
             ended: if found.stopped { "it was stopped".into() } else { "no further set of effects is likelier".into() },
             stopped: found.stopped,
-            lack_of_fit: self.lack_of_fit(),
+            lack_of_fit,
             notes: Vec::new(),
             spectral: first.spectral(),
         })
@@ -267,8 +268,8 @@ impl Judge<'_> {
         }
     }
 
-    /// How outputs are matched before and after; `left` is what the likeliest explanation leaves of each.
-    fn outputs(&self, after: &[Vec<f64>], left: &[f64]) -> Vec<OutputGain> {
+    /// How outputs are matched before and after.
+    fn outputs(&self, after: &[Vec<f64>], wrong: &[LackOfFit]) -> Vec<OutputGain> {
         let Self { first, runs, .. } = self;
         let outputs = &first.model.definition().outputs;
         let mut found = Vec::new();
@@ -287,7 +288,7 @@ impl Judge<'_> {
                     unit: output.quantity.unit.as_ref().map(ToString::to_string),
                     rms_before: a.rms.map(|rms| spread * rms),
                     rms_after: b.rms.map(|rms| spread * rms),
-                    noise_level: spread * left[o],
+                    noise_level: wrong.iter().find(|w| w.output == *name).map_or(f64::NAN, |w| w.noise_level),
                     tic_before: a.tic,
                     tic_after: b.tic,
                     r2_before: a.r2,
@@ -365,17 +366,6 @@ fn explanations(found: &search::Found, beside: &Beside, left: &Beside) -> Vec<Ex
 
 fn unnamed(found: Unnamed) -> UnnamedCause {
     UnnamedCause { place: found.place, signal: found.signal, evidence: found.log }
-}
-
-/// Root mean square of what the state leaves of each output.
-fn levels(ground: &Ground<'_>, (_, judged): &Fitted) -> Vec<f64> {
-    let (binning, grams) = (&ground.binning, &judged.linear.grams);
-    let of = |output: usize| {
-        let segments = binning.runs.iter().flat_map(|r| &r.segments).filter(|s| s.place / binning.bands == output);
-        let bins: usize = segments.map(|s| s.end - s.begin).sum();
-        (grams.residual_powers(output).iter().sum::<f64>() / bins.max(1) as f64).sqrt()
-    };
-    (0..binning.outputs).map(of).collect()
 }
 
 /// A cause as it is told.
