@@ -289,6 +289,27 @@ pub struct FrequencyDomain {
     pub notes: Vec<String>,
 }
 
+/// Inputs that move with the states, and what these records hide for it.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct Feedback {
+    /// Which, and how closely.
+    pub inputs: Vec<CorrelatedInput>,
+    /// Effects that the fitted parameters make up for, in part or altogether: they may be there, and nobody would see them.
+    pub hidden: Vec<EffectAt>,
+}
+
+/// An input that moves with the states.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct CorrelatedInput {
+    /// Its name.
+    pub input: String,
+    /// The part of its variance that a linear function of the states explains.
+    pub explained: f64,
+    /// Whether what is new in the outputs is in the input later: a controller or a pilot closes the loop.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub feedback: bool,
+}
+
 /// What a diagnosis came to.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Diagnosis {
@@ -320,6 +341,8 @@ pub struct Diagnosis {
     pub stopped: bool,
     /// What is wrong with every output of the model as it was given.
     pub lack_of_fit: Vec<LackOfFit>,
+    /// Inputs that move with the states; none where every input is its own.
+    pub feedback: Option<Feedback>,
     /// What was assumed about the runs, in sentences.
     pub notes: Vec<String>,
     /// Of a diagnosis in the frequency domain.

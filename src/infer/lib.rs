@@ -17,8 +17,8 @@ mod search;
 
 pub use candidates::{DiagnosisError, DiagnosisOptions, Domain, Place, PlaceKind};
 pub use diagnosis::{
-    Alternative, Biased, Cause, Diagnosis, EffectAt, Explanation, FrequencyDomain, FrontModel, FrontOutput, LeftOut,
-    NewValue, OutputGain, Overlay, SearchStep, Tried, UnnamedCause, Verdict,
+    Alternative, Biased, Cause, CorrelatedInput, Diagnosis, EffectAt, Explanation, Feedback, FrequencyDomain,
+    FrontModel, FrontOutput, LeftOut, NewValue, OutputGain, Overlay, SearchStep, Tried, UnnamedCause, Verdict,
 };
 pub use lack_of_fit::{AmplitudeBin, Band, Gain, LackOfFit, RunResidual, Window, lack_of_fit};
 pub use search::diagnose;

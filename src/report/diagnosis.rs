@@ -461,7 +461,7 @@ fn tried(found: &DiagnosisDocument) -> Option<Section> {
     (count > 0).then(|| Section::new("tried", "What was tried").with(folded).with_all(more))
 }
 
-/// Why the search ended, and what was assumed.
+/// What the records hide, why the search ended, and what was assumed.
 fn ended(found: &DiagnosisDocument) -> Section {
     let band = found.band.map(|(low, high)| {
         let (low, high) = (digits(low, 3), digits(high, 3));
@@ -472,6 +472,31 @@ fn ended(found: &DiagnosisDocument) -> Section {
         .then(|| format!("{left_out} candidates could not be tried (--json lists them with the reasons)."));
     let said = std::iter::once(format!("The search ended: {}.", found.ended));
     Section::new("search", "The search")
+        .with_all(feedback(found))
         .with(Part::Gap)
         .lines(said.chain(band).chain(found.notes.iter().cloned()).chain(left_out))
+}
+
+/// Inputs that move with the states, and what that hides.
+fn feedback(found: &DiagnosisDocument) -> Vec<Part> {
+    let Some(feedback) = &found.feedback else { return Vec::new() };
+    let inputs = feedback.inputs.iter().map(|input| {
+        let (name, own) = (&input.input, 100.0 * (1.0 - input.explained));
+        match input.feedback {
+            true => format!("{name} follows the states, as under a controller or a pilot: {own:.0} % of it is its own"),
+            false => format!("{name} moves with the states: {own:.0} % of it is its own"),
+        }
+    });
+    let hidden: Vec<String> = feedback.hidden.iter().take(FEW).map(ToString::to_string).collect();
+    let more = feedback.hidden.len() - hidden.len();
+    let more = if more > 0 { format!(" and {more} more (--json)") } else { String::new() };
+    let hides = match hidden.is_empty() {
+        true => "nothing that was tried is hidden by that".into(),
+        false => format!(
+            "what these records hide, as the fitted parameters make up for nearly all of it: {}{more}; inputs that do not \
+             move with the states would show it",
+            hidden.join(", ")
+        ),
+    };
+    std::iter::once(Part::Gap).chain(inputs.chain([hides]).map(Part::Line)).collect()
 }

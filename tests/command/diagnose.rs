@@ -87,7 +87,7 @@ fn an_effect_of_the_users_own_is_found_and_written_into_the_users_text() {
     let cause = &found["causes"][0];
     assert_eq!((&cause["effect"], &cause["targets"]), (&"stall".into(), &serde_json::json!(["r", "rudder"])), "{said}");
     let loss = cause["parameters"][0]["value"].as_f64().unwrap();
-    assert!((loss - 0.9).abs() < 0.15 && cause["gain_validation"].as_f64().unwrap() > 10.0, "{cause}");
+    assert!((loss - 0.9).abs() < 0.15 && cause["loss"].as_f64().unwrap() > 10.0, "{cause}");
     assert_eq!(found["causes"].as_array().unwrap().len(), 1, "{said}");
 
     // the user's own lines stay as they are, to the byte; estimates take the place of start values

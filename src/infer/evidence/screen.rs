@@ -30,6 +30,8 @@ pub(crate) struct Beside {
     /// Its product with the residual, and its square, both beside what the others do.
     pub(crate) cross: f64,
     pub(crate) square: f64,
+    /// Part of its square that is left there.
+    pub(crate) left: f64,
     /// Whitened products with all own columns, run by run, then the shared ones.
     pub(crate) along: Vec<f64>,
 }
@@ -106,7 +108,8 @@ impl<'g> Screen<'g> {
         let cross = rest[0] - inner(&shared, &self.residual);
         square -= inner(&shared, &shared);
         along.extend(shared);
-        (square > LEFT * whole && square.is_finite() && cross.is_finite()).then_some(Beside { cross, square, along })
+        let left = square / whole;
+        (left > LEFT && square.is_finite() && cross.is_finite()).then_some(Beside { cross, square, left, along })
     }
 }
 

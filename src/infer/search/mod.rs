@@ -1,6 +1,7 @@
 //! What is missing, decided by one number: the log evidence of a written model on all its runs, plus its log prior odds.
 
 mod curve;
+mod feedback;
 mod proposals;
 mod random_effect;
 mod search;

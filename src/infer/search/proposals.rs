@@ -1,17 +1,17 @@
 //! What might be added to a state: every candidate at every value that is tried, ranked in closed form under several noises, the best judged to
 //! first order by their own.
 
+use super::state::{Ground, Judged, State, odds, sign};
 use crate::candidates::directions::Shape;
 use crate::candidates::directions::{CandidateDirections, TrialPoint};
 use crate::candidates::extended_model::{SignalScales, place};
 use crate::candidates::fitted_model::FittedModel;
 use crate::candidates::forced_tiles::all_directions;
-use crate::diagnosis::LeftOut;
+use crate::diagnosis::{EffectAt, LeftOut};
 use crate::evidence::gram::{Border, Grams, products};
 use crate::evidence::prior::{Sign, of_amount};
 use crate::evidence::question::Question;
 use crate::evidence::screen::{Beside, Screen};
-use crate::search::state::{Ground, Judged, State, odds, sign};
 use fdm_effects::{Candidate, Kind};
 use fdm_numeric::parallel;
 use std::collections::BTreeMap;
@@ -23,6 +23,8 @@ const PAIRS: usize = 6;
 const PAIRED: usize = 40;
 /// Rounds: by the noise that the state believes, by plain errors, by that of the best proposal.
 const ROUNDS: usize = 4;
+/// Part of an effect that is left beside the fitted parameters, below which it is called hidden.
+const HIDDEN: f64 = 0.03;
 /// Part of the squares of two columns that is left of their determinant, below which they are one.
 const APART: f64 = 0.02;
 
@@ -350,6 +352,21 @@ impl<'s> Proposals<'s> {
             state = Some((next, fitted));
         }
         state.map(|(state, _)| state)
+    }
+
+    /// Candidates of which hardly anything is left beside what is fitted: they may be there, and nobody would see them.
+    pub(crate) fn hidden(&self) -> Vec<EffectAt> {
+        let precision = self.ground.precision(self.state);
+        let weights = &self.judged.evidence.weights;
+        let Some(screen) = Screen::new(&self.judged.linear.grams, weights, &precision) else { return Vec::new() };
+        let left = parallel::map(self.borders.iter(), |border| screen.beside(border).map_or(0.0, |b| b.left));
+        let mut most = vec![0.0_f64; self.directions.len()];
+        for spec in &self.specs {
+            let own = spec.columns.iter().map(|c| left[*c]).fold(0.0, f64::max);
+            most[spec.direction] = most[spec.direction].max(own);
+        }
+        let hidden = self.directions.iter().zip(most).filter(|(_, left)| *left < HIDDEN);
+        hidden.map(|(d, _)| place(&d.attached.candidate)).collect()
     }
 
     /// The candidate of a spec, by its directions, and whether it is finite.

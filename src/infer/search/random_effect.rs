@@ -1,12 +1,12 @@
 //! What has no name: a disturbance at a place, and a function of one signal in an equation. Both are many columns whose coefficients have a
 //! common prior, averaged over their size and smoothness, and judged as everything else is.
 
+use super::state::{Ground, Judged, State};
 use crate::candidates::forced_response::ForcedResponse;
 use crate::candidates::place::{Place, PlaceKind, places};
 use crate::evidence::binning::RunBins;
 use crate::evidence::gram::Grams;
 use crate::evidence::question::Question;
-use crate::search::state::{Ground, Judged, State};
 use fdm_grammar::graph::{Leaf, Node};
 use fdm_numeric::parallel;
 use nalgebra::DMatrix;

@@ -1,10 +1,10 @@
 //! The search: sets of effects by their evidence, one after the other, and what could stand in the place of each.
 
+use super::proposals::{Proposal, Proposals};
 use super::random_effect::log_sum;
+use super::state::{Ground, Judged, State};
 use crate::candidates::extended_model::place;
 use crate::diagnosis::{EffectAt, LeftOut, SearchStep, Tried};
-use crate::search::proposals::{Proposal, Proposals};
-use crate::search::state::{Ground, Judged, State};
 use fdm_effects::Candidate;
 use fdm_numeric::parallel;
 use std::collections::BTreeSet;
@@ -32,6 +32,15 @@ pub(crate) struct Cause {
     pub(crate) group: Vec<(Candidate, f64)>,
 }
 
+/// What a search says of candidates that it could not judge.
+#[derive(Default)]
+pub(crate) struct Seen {
+    /// Those that could not be tried.
+    pub(crate) left_out: Vec<LeftOut>,
+    /// Those that the fitted parameters make up for.
+    pub(crate) hidden: Vec<EffectAt>,
+}
+
 /// What a search came to.
 pub(crate) struct Found {
     pub(crate) null: Fitted,
@@ -42,7 +51,8 @@ pub(crate) struct Found {
     pub(crate) steps: Vec<SearchStep>,
     /// Evidence of all sets of the first step together, beside the null.
     pub(crate) together: f64,
-    pub(crate) left_out: Vec<LeftOut>,
+    /// What the first search saw of its candidates.
+    pub(crate) seen: Seen,
     pub(crate) stopped: bool,
 }
 
@@ -67,7 +77,7 @@ pub(crate) struct Search<'a> {
 impl Search<'_> {
     /// None where the base has no evidence.
     pub(crate) fn run(self) -> Option<Found> {
-        let (mut steps, mut left_out, mut first) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut steps, mut seen, mut first) = (Vec::new(), Seen::default(), Vec::new());
         let null = self.again(&self.null)?;
         let mut best: Fitted = self.again(&null)?;
         let (mut stopped, mut together) = (false, f64::NEG_INFINITY);
@@ -82,7 +92,7 @@ impl Search<'_> {
             steps.push(SearchStep { tried, accepted: None });
             let begins = best.0.effects.is_empty();
             if begins {
-                left_out = out;
+                seen = out;
                 first = sets.iter().map(|(s, j)| (s.clone(), j.log)).collect();
             }
             let mut physical: Vec<Fitted> = sets.into_iter().filter(|(s, _)| s.is_physical()).collect();
@@ -104,7 +114,7 @@ impl Search<'_> {
             stages.push((best.0.clone(), best.1.log));
         }
         let causes = self.causes(&mut best, &null, &first);
-        Some(Found { null, best, causes, stages, steps, together, left_out, stopped })
+        Some(Found { null, best, causes, stages, steps, together, seen, stopped })
     }
 
     fn again(&self, found: &Fitted) -> Option<Fitted> {
@@ -113,9 +123,10 @@ impl Search<'_> {
     }
 
     /// Refitted states with one or two more effects, the likeliest first; none where it was stopped.
-    fn sets(&self, (state, judged): (&State, &Judged), pairs: bool) -> Option<(Vec<Fitted>, Vec<LeftOut>)> {
+    fn sets(&self, (state, judged): (&State, &Judged), pairs: bool) -> Option<(Vec<Fitted>, Seen)> {
         let mut proposals = Proposals::new(self.ground, (state, judged), self.candidates)?;
-        let left_out = std::mem::take(&mut proposals.left_out);
+        let hidden = if pairs && state.effects.is_empty() { proposals.hidden() } else { Vec::new() };
+        let told = Seen { left_out: std::mem::take(&mut proposals.left_out), hidden };
         let ranked = proposals.likeliest(pairs);
         let (mut singles, mut more): (Vec<&Proposal>, Vec<&Proposal>) = ranked.iter().partition(|p| p.specs.len() == 1);
         let likelier = more.first().zip(singles.first()).is_some_and(|(pair, single)| pair.log > single.log);
@@ -152,7 +163,7 @@ impl Search<'_> {
             known.push(own);
             fresh
         });
-        self.ground.work.goes_on().then_some((found, left_out))
+        self.ground.work.goes_on().then_some((found, told))
     }
 
     /// Members are left out as long as that is likelier.

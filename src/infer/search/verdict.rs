@@ -1,6 +1,7 @@
 //! From runs and a catalogue to a diagnosis: the search, what has no name, and what is told of both.
 
 use super::curve::curve;
+use super::feedback::feedback;
 use super::random_effect::{Unnamed, log_sum};
 use super::search::{self, Fitted, Search};
 use super::separating::separating;
@@ -188,7 +189,8 @@ impl Judge<'_> {
             unnamed,
             front,
             steps: found.steps,
-            left_out: found.left_out,
+            left_out: found.seen.left_out,
+            feedback: feedback(first, runs, found.seen.hidden),
             biased: if named { biased(&found.null, &found.best) } else { Vec::new() },
             outputs: self.outputs(after, &lack_of_fit),
             overlays: self.overlays(after),

@@ -2,8 +2,8 @@
 
 use super::doctor::JudgedRecords;
 use fdm_infer::{
-    Biased, Cause, Diagnosis, Explanation, FrontModel, LackOfFit, LeftOut, OutputGain, SearchStep, UnnamedCause,
-    Verdict,
+    Biased, Cause, Diagnosis, Explanation, Feedback, FrontModel, LackOfFit, LeftOut, OutputGain, SearchStep,
+    UnnamedCause, Verdict,
 };
 use serde::{Deserialize, Serialize};
 
@@ -35,6 +35,8 @@ pub struct DiagnosisDocument {
     pub biased_parameters: Vec<Biased>,
     /// How outputs are matched.
     pub outputs: Vec<OutputGain>,
+    /// Inputs that move with the states, as under a controller or a pilot.
+    pub feedback: Option<Feedback>,
     /// Candidates that could not be tried.
     pub left_out: Vec<LeftOut>,
     /// `time` or `frequency`.
@@ -64,6 +66,7 @@ impl DiagnosisDocument {
             searches: d.steps.clone(),
             biased_parameters: d.biased.clone(),
             outputs: d.outputs.clone(),
+            feedback: d.feedback.clone(),
             left_out: d.left_out.clone(),
             domain: if d.spectral.is_some() { "frequency" } else { "time" }.into(),
             band: d.spectral.as_ref().map(|s| s.band),
