@@ -126,3 +126,52 @@ fn weighted(run: &RunGrams, weights: &[f64], matrix: &mut Vec<f64>) {
         matrix.iter_mut().zip(products).for_each(|(sum, product)| *sum += weight * product);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::evidence::bands::Bands;
+    use crate::evidence::gram::segments;
+    use fdm_numeric::random::Stream;
+    use nalgebra::{DMatrix, DVector};
+
+    /// Two runs with one own column each, two shared ones and one more: what is left of that is what least squares leaves.
+    #[test]
+    fn a_column_is_what_least_squares_leave_of_it() {
+        let (bins, bands) = (60, Bands::new(60));
+        let frequency: Vec<f64> = (0..bins).map(|k| k as f64).collect();
+        let cut = segments(&bands, 0, &frequency, 0);
+        let mut stream = Stream::seeded(3);
+        let mut drawn = || -> Vec<f64> { (0..bins).map(|_| stream.normal()).collect() };
+        // own, residual, two shared columns, of each run
+        let columns: Vec<Vec<Vec<f64>>> = (0..2).map(|_| (0..4).map(|_| drawn()).collect()).collect();
+        let more: Vec<Vec<f64>> = (0..2).map(|_| drawn()).collect();
+        let mut grams = Grams::new(1, bands.count(), 2);
+        columns.iter().for_each(|own| grams.add(1, &cut, own));
+        let weights: Vec<f64> = (0..bands.count()).map(|b| 1.0 + 0.1 * b as f64).collect();
+        let border = grams.border([&cut[..], &cut[..]].into_iter(), &columns, &more);
+        let found = Screen::new(&grams, &weights, &[0.0, 0.0]).unwrap().beside(&border).unwrap();
+        // the same by a whole design: own columns apart
+        let weight = |k: usize| weights[bands.of(k as f64)].sqrt();
+        let whole = |of: &dyn Fn(usize) -> Vec<f64>| {
+            DVector::from_iterator(
+                2 * bins,
+                (0..2).flat_map(|r| of(r).into_iter().enumerate().map(|(k, v)| v * weight(k)).collect::<Vec<_>>()),
+            )
+        };
+        let own = |run: usize| whole(&|r| if r == run { columns[r][0].clone() } else { vec![0.0; bins] });
+        let design = DMatrix::from_columns(&[
+            own(0),
+            own(1),
+            whole(&|r| columns[r][2].clone()),
+            whole(&|r| columns[r][3].clone()),
+        ]);
+        let residual = whole(&|r| columns[r][1].clone());
+        let column = whole(&|r| more[r].clone());
+        let solve = |b: &DVector<f64>| b - &design * design.clone().svd(true, true).solve(b, 1e-12).unwrap();
+        let (left, beside) = (solve(&residual), solve(&column));
+        assert!((found.cross - beside.dot(&left)).abs() < 1e-8 * column.norm() * residual.norm(), "{}", found.cross);
+        assert!((found.square / beside.norm_squared() - 1.0).abs() < 1e-8 && found.left < 1.0);
+    }
+}

@@ -334,3 +334,21 @@ impl Ground<'_> {
         found
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sums_of_exponentials_do_not_overflow() {
+        assert!((log_sum(&[0.0, 0.0]) - 2.0_f64.ln()).abs() < 1e-12);
+        assert!((log_sum(&[3000.0, 2990.0]) - (3000.0 + (-10.0_f64).exp().ln_1p())).abs() < 1e-9);
+        assert_eq!(log_sum(&[f64::NEG_INFINITY, f64::NEG_INFINITY]), f64::NEG_INFINITY);
+    }
+
+    #[test]
+    fn sizes_go_from_one_two_hundredth_to_one_and_a_half() {
+        let all: Vec<f64> = sizes().collect();
+        assert!(all.len() == 7 && (all[0] - 0.005).abs() < 1e-12 && (all[6] - 1.5).abs() < 1e-12);
+    }
+}

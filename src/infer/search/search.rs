@@ -83,6 +83,10 @@ impl Search<'_> {
         let (mut stopped, mut together) = (false, f64::NEG_INFINITY);
         let mut stages = vec![(null.0.clone(), null.1.log)];
         while best.0.effects.len() < self.most {
+            if !self.ground.work.goes_on() {
+                stopped = true;
+                break;
+            }
             let Some((sets, out)) = self.sets((&best.0, &best.1), true) else {
                 stopped = true;
                 break;
@@ -163,7 +167,7 @@ impl Search<'_> {
             known.push(own);
             fresh
         });
-        self.ground.work.goes_on().then_some((found, told))
+        Some((found, told))
     }
 
     /// Members are left out as long as that is likelier.

@@ -182,16 +182,17 @@ impl State {
             }
         }
         let model = model.with_params(params);
-        let theta = (0..runs.all.len()).map(|r| attached.theta_from(&self.theta[r], r, values)).collect();
+        let theta: Vec<Vec<f64>> =
+            (0..runs.all.len()).map(|r| attached.theta_from(&self.theta[r], r, values)).collect();
         let affine = model.layout().affine.rates;
-        let finer = |(a, b): (&Predictor, &Predictor)| match (a.steps(), b.steps()) {
-            (Some(own), Some(other)) => {
-                let steps = if own.most() >= other.most() { own } else { other };
-                Predictor::Steps(steps_at(steps, 0, affine))
-            }
-            _ => b.clone(),
+        let finer = |(a, b): (&Predictor, &Predictor)| {
+            let (own, other) = (a.steps()?, b.steps()?);
+            let steps = if own.most() >= other.most() { own } else { other };
+            Some(Predictor::Steps(steps_at(steps, 0, affine)))
         };
-        let predictors = self.text.predictors.iter().zip(predictors).map(finer).collect();
+        let of_both: Option<Vec<Predictor>> = self.text.predictors.iter().zip(predictors).map(finer).collect();
+        // bins are those of the model itself
+        let predictors = of_both.or_else(|| Predictor::all(&model, runs, &theta).ok())?;
         let text = Text::new(model, predictors, runs)?;
         let estimated = attached
             .params()
