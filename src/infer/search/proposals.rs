@@ -45,6 +45,7 @@ pub(crate) struct Proposals<'s> {
     state: &'s State,
     judged: &'s Judged,
     pub(crate) fitted: FittedModel,
+    scales: SignalScales,
     pub(crate) directions: Vec<CandidateDirections>,
     pub(crate) left_out: Vec<LeftOut>,
     pub(crate) specs: Vec<Spec>,
@@ -119,7 +120,7 @@ impl<'s> Proposals<'s> {
         let Linearised { grams, own } = Linearised::of(judged);
         let border = |column: &Vec<Vec<f64>>| grams.border(bins.iter().map(|b| &b.segments[..]), own, column);
         let borders = parallel::map(columns.iter(), border);
-        Some(Self { ground, state, judged, fitted, directions, left_out, specs, columns, borders })
+        Some(Self { ground, state, judged, fitted, scales, directions, left_out, specs, columns, borders })
     }
 
     fn point(&self, spec: &Spec, k: usize) -> &TrialPoint {
@@ -130,8 +131,7 @@ impl<'s> Proposals<'s> {
     fn log_prior(&self, spec: &Spec, amounts: &[f64], errors: &[f64]) -> f64 {
         let attached = &self.directions[spec.direction].attached;
         let params = attached.params();
-        let estimated: Vec<bool> =
-            (0..params.len()).map(|k| attached.is_estimated(k) && params[k].begins_as.is_none()).collect();
+        let estimated: Vec<bool> = (0..params.len()).map(|k| attached.is_estimated(k)).collect();
         let kind =
             odds(&attached.candidate, params, &estimated) - (self.ground.candidates as f64).ln() - spec.tried.ln();
         let amount = |(k, (amount, error)): (usize, (&f64, &f64))| {
@@ -201,7 +201,8 @@ impl<'s> Proposals<'s> {
         let mut precision = self.ground.precision(self.state);
         let q = precision.len();
         precision.resize(q + columns.len(), 0.0);
-        let question = Question { grams: &grams, noise: &self.ground.binning.noise, precision: &precision, own: &[] };
+        let own = self.ground.own_precision(self.state);
+        let question = Question { grams: &grams, noise: &self.ground.binning.noise, precision: &precision, own: &own };
         let answers = weights.iter().filter_map(|w| question.answer(Some(w)));
         let found = answers.max_by(|a, b| a.log.total_cmp(&b.log))?;
         let stride = q + columns.len();
@@ -337,7 +338,9 @@ impl<'s> Proposals<'s> {
                 values[lead] = value.clamp(params[lead].lower, params[lead].upper);
             }
             let next = match &state {
-                None => self.state.with(&found.attached, (&self.fitted, &values), &found.predictors, runs)?,
+                None => {
+                    self.state.with(&found.attached, (&self.fitted, &self.scales), &values, &found.predictors, runs)?
+                }
                 Some((before, fitted)) => {
                     let scales = SignalScales::new(fitted, runs);
                     let choice = fdm_effects::Choice::new();
@@ -345,7 +348,7 @@ impl<'s> Proposals<'s> {
                     let attached =
                         crate::candidates::extended_model::AttachedEffect::new(candidate, fitted, &scales, &choice)
                             .ok()?;
-                    before.with(&attached, (fitted, &values), &found.predictors, runs)?
+                    before.with(&attached, (fitted, &scales), &values, &found.predictors, runs)?
                 }
             };
             let fitted = if proposal.specs.len() > 1 { next.fitted(runs)? } else { self.fitted.clone() };

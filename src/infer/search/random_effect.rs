@@ -133,9 +133,8 @@ impl Ground<'_> {
         let mut weights: Option<Vec<f64>> = None;
         let mut ask = |k: usize, found: &mut Vec<f64>| {
             let prior = (raw / sizes[k]).powi(2);
-            let (mut shared, mut of_run) = (precision.clone(), Vec::new());
+            let (mut shared, mut of_run) = (precision.clone(), self.own_precision(state));
             if own {
-                of_run = vec![0.0; state.text.own.len()];
                 of_run.resize(state.text.own.len() + count, prior);
             } else {
                 shared.resize(q + count, prior);

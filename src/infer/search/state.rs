@@ -9,7 +9,7 @@ use crate::evidence::binning::Binning;
 use crate::evidence::gram::Grams;
 use crate::evidence::prior::{Sign, of_amount, of_limit, precision_of_nuisance};
 use crate::evidence::question::{Evidence, Question};
-use fdm_effects::{Candidate, NewParam, Subject};
+use fdm_effects::{Candidate, NewParam, Scales, Subject};
 use fdm_estimate::Work;
 use fdm_grammar::syntax::Class;
 use fdm_numeric::parallel;
@@ -28,6 +28,10 @@ const NEAR: f64 = 2.0;
 /// How far one step may take what has a size: from a seventh to four times of it.
 const SHRINKS: f64 = 0.85;
 const GROWS: f64 = 3.0;
+
+/// How far a state of an effect may begin from what it follows, in deviations of that, and the quantile that is one deviation above the middle.
+const BEGINS: f64 = 0.3;
+const UPPER: f64 = 0.84;
 
 /// Log prior odds of a kind of cause against a mechanism. A sensor is believed later; what can stand in for many causes pays for each of its numbers.
 const SENSOR: f64 = -1.0;
@@ -69,6 +73,8 @@ pub(crate) struct Placed {
     pub(crate) params: Vec<NewParam>,
     /// Whether each is estimated.
     estimated: Vec<bool>,
+    /// How far the beginning of a state that follows a signal may be from that, before anything is seen; none of other parameters.
+    begins: Vec<Option<f64>>,
     /// Where each stands among the model's parameters.
     pub(crate) at: Vec<usize>,
 }
@@ -169,19 +175,12 @@ impl State {
     pub(crate) fn with(
         &self,
         attached: &AttachedEffect,
-        (fitted, values): (&FittedModel, &[f64]),
+        (fitted, scales): (&FittedModel, &SignalScales),
+        values: &[f64],
         predictors: &[Predictor],
         runs: Runs<'_>,
     ) -> Option<Self> {
         let model = grown(attached, fitted).ok()?;
-        // what begins as a signal does is no unknown of its own
-        let mut params = model.definition().params.clone();
-        for (p, at) in attached.params().iter().zip(&attached.new) {
-            if p.begins_as.is_some() {
-                params[*at].fixed = true;
-            }
-        }
-        let model = model.with_params(params);
         let theta: Vec<Vec<f64>> =
             (0..runs.all.len()).map(|r| attached.theta_from(&self.theta[r], r, values)).collect();
         let affine = model.layout().affine.rates;
@@ -194,15 +193,16 @@ impl State {
         // bins are those of the model itself
         let predictors = of_both.or_else(|| Predictor::all(&model, runs, &theta).ok())?;
         let text = Text::new(model, predictors, runs)?;
-        let estimated = attached
-            .params()
-            .iter()
-            .enumerate()
-            .map(|(k, p)| attached.is_estimated(k) && p.begins_as.is_none())
-            .collect();
+        let estimated = (0..attached.params().len()).map(|k| attached.is_estimated(k)).collect();
+        let spread = |p: &NewParam| {
+            let signal = p.begins_as.as_ref()?;
+            let spread = scales.level(signal, UPPER) - scales.level(signal, 1.0 - UPPER);
+            Some(BEGINS * 0.5 * spread).filter(|s| s.is_finite() && *s > 0.0)
+        };
+        let begins = attached.params().iter().map(spread).collect();
         let mut effects = self.effects.clone();
         let (candidate, params) = (attached.candidate.clone(), attached.params().to_vec());
-        effects.push(Placed { candidate, params, estimated, at: Vec::new() });
+        effects.push(Placed { candidate, params, estimated, begins, at: Vec::new() });
         for placed in &mut effects {
             let at = placed.params.iter().map(|p| text.model.definition().param(&p.name));
             placed.at = at.collect::<Option<_>>()?;
@@ -225,7 +225,7 @@ impl State {
             let placed = &self.effects[*k];
             let attached =
                 AttachedEffect::new(&placed.candidate, &fitted, &scales, &fdm_effects::Choice::new()).ok()?;
-            state = state.with(&attached, (&fitted, &self.values(*k)), &self.text.predictors, runs)?;
+            state = state.with(&attached, (&fitted, &scales), &self.values(*k), &self.text.predictors, runs)?;
         }
         // what it has in common with this one is as it is here
         let (from, to) = (self.text.model.definition(), state.text.model.definition());
@@ -287,6 +287,15 @@ impl Ground<'_> {
         precision
     }
 
+    /// Precision of each run's own unknowns before anything is seen; those of the model have none.
+    pub(crate) fn own_precision(&self, state: &State) -> Vec<f64> {
+        let of = |k: &usize| {
+            let own = |p: &Placed| p.at.iter().zip(&p.begins).find(|(at, _)| *at == k).and_then(|(_, spread)| *spread);
+            state.effects.iter().find_map(own).map_or(0.0, |spread| spread.powi(-2))
+        };
+        state.text.own.iter().map(of).collect()
+    }
+
     /// Log prior of the effects of a state whose unknowns have moved by `mean` with this covariance (q by q, rows of `stride`).
     pub(crate) fn log_prior(&self, state: &State, mean: &[f64], covariance: &[f64], stride: usize) -> f64 {
         let mut sum = 0.0;
@@ -316,7 +325,8 @@ impl Ground<'_> {
     pub(crate) fn judge(&self, state: &State, weights: Option<&[f64]>) -> Option<Judged> {
         let linear = self.linearise(state)?;
         let precision = self.precision(state);
-        let question = Question { grams: &linear.grams, noise: &self.binning.noise, precision: &precision, own: &[] };
+        let own = self.own_precision(state);
+        let question = Question { grams: &linear.grams, noise: &self.binning.noise, precision: &precision, own: &own };
         let evidence = question.answer(weights)?;
         let prior = self.log_prior(state, &evidence.mean, &evidence.covariance, evidence.mean.len());
         let log = evidence.log + prior - evidence.gain;
@@ -391,8 +401,8 @@ impl Ground<'_> {
             }
             let linear = self.linearise(&state)?;
             let plain = self.plain_weights(&linear.grams);
-            let own = precision(&state);
-            let question = Question { grams: &linear.grams, noise: &self.binning.noise, precision: &own, own: &[] };
+            let (shared, own) = (precision(&state), self.own_precision(&state));
+            let question = Question { grams: &linear.grams, noise: &self.binning.noise, precision: &shared, own: &own };
             let step = question.answer_within(1, Some(&plain))?;
             if step.gain < PLAINLY {
                 break;
