@@ -16,8 +16,8 @@ use fdm_grammar::Source;
 use fdm_grammar::model::Param;
 use fdm_system::model::Model;
 
-/// Nodes that are tried, fewest first: as many as the errors want.
-const NODES: [usize; 3] = [9, 17, 33];
+/// Nodes that are tried, fewest first: as many as the errors want, and enough for all waves of a law.
+const NODES: [usize; 4] = [9, 17, 33, 65];
 /// Ratio of squared errors below which more nodes are worth their fit.
 const WORTH: f64 = 0.8;
 
@@ -61,10 +61,9 @@ pub(crate) fn curve(
         let found = written_model(&current, &current.theta, naive, asked).ok();
         let found = found.or_else(|| at_values(&current, &current.theta, naive, runs))?;
         let worth = best.as_ref().is_none_or(|(_, before)| found.ratio() < WORTH * before.ratio());
-        if !worth {
-            break;
+        if worth {
+            best = Some((count, found));
         }
-        best = Some((count, found));
         if !work.goes_on() {
             break;
         }

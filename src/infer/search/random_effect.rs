@@ -1,7 +1,7 @@
 //! What has no name: a disturbance at a place, and a function of one signal in an equation. Both are many columns whose coefficients have a
 //! common prior, averaged over their size and smoothness, and judged as everything else is.
 
-use super::state::{Ground, Judged, State};
+use super::state::{Ground, Judged, STAND_IN, State};
 use crate::candidates::forced_response::ForcedResponse;
 use crate::candidates::place::{Place, PlaceKind, places};
 use crate::evidence::binning::RunBins;
@@ -22,9 +22,8 @@ const MATTERS: f64 = 3.0;
 /// Nats behind the best size from which it adds nothing to the mean.
 const BEHIND: f64 = 8.0;
 const ROUNDS: usize = 4;
-/// Log prior odds of a disturbance and of a law against a mechanism: what has a name is believed first, then what repeats.
-const DISTURBANCE: f64 = -7.0;
-const LAW: f64 = -5.0;
+/// Log prior odds of what has no name against a mechanism: a stand-in of two numbers, its size and its smoothness.
+const UNNAMED: f64 = 2.0 * STAND_IN;
 /// Half waves of a law over its signal's range, and those of a coefficient.
 const WAVES: usize = 25;
 const OF_COEFFICIENT: usize = 8;
@@ -226,7 +225,7 @@ impl Ground<'_> {
                 }
                 logs.extend(self.averaged(&grams, (state, judged), (HATS, true), raw));
             }
-            let log = log_sum(&logs) - (logs.len() as f64).ln() - base - count.ln() + DISTURBANCE;
+            let log = log_sum(&logs) - (logs.len() as f64).ln() - base - count.ln() + UNNAMED;
             Some(Unnamed { place, signal: None, log })
         };
         let mut found: Vec<Unnamed> = parallel::map(places.into_iter().zip(bins), one).into_iter().flatten().collect();
@@ -296,7 +295,7 @@ impl Ground<'_> {
                     }
                     logs.extend(self.averaged(&grams, (state, judged), (scaled.len(), false), raw));
                 }
-                let log = log_sum(&logs) - (logs.len() as f64).ln() - base - count.ln() + LAW;
+                let log = log_sum(&logs) - (logs.len() as f64).ln() - base - count.ln() + UNNAMED;
                 Some(Unnamed { place, signal: Some(name.clone()), log })
             };
             found.extend(parallel::map(places.into_iter().zip(bins), one).into_iter().flatten());

@@ -16,6 +16,8 @@ const PAIRS: (usize, usize) = (3, 2);
 const AGAIN: usize = 4;
 /// Sets that are asked whether they may be taken.
 const ASKED: usize = 4;
+/// Evidence (nats) by which another effect must be needed beside those that are there: odds of 3 : 1.
+const NEEDED: f64 = 1.1;
 /// Odds of 100 : 1, the group.
 const GROUP: f64 = 4.6;
 
@@ -108,7 +110,7 @@ impl Search<'_> {
             if begins && sum < 0.0 {
                 break;
             }
-            physical.retain(|(_, j)| begins || j.log > level);
+            physical.retain(|(_, j)| begins || j.log > level + NEEDED);
             let next = physical.into_iter().take(ASKED).find(|(s, _)| (self.predicts)(s, &best.0));
             let Some(next) = next else { break };
             best = self.left_out_while_better(next);
@@ -170,10 +172,10 @@ impl Search<'_> {
         Some((found, told))
     }
 
-    /// Members are left out as long as that is likelier.
+    /// Members are left out as long as they are not needed.
     fn left_out_while_better(&self, mut best: Fitted) -> Fitted {
         while best.0.effects.len() > 1 {
-            let without = |k: usize| self.without(&best, k).filter(|(_, judged)| judged.log > best.1.log);
+            let without = |k: usize| self.without(&best, k).filter(|(_, judged)| judged.log > best.1.log - NEEDED);
             let found = (0..best.0.effects.len()).find_map(without);
             match found {
                 Some(found) => best = found,

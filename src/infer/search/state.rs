@@ -35,7 +35,7 @@ const UPPER: f64 = 0.84;
 
 /// Log prior odds of a kind of cause against a mechanism. A sensor is believed later; what can stand in for many causes pays for each of its numbers.
 const SENSOR: f64 = -1.0;
-const STAND_IN: f64 = -4.0;
+pub(crate) const STAND_IN: f64 = -4.0;
 /// Of an effect of one field beside those of all, and of a number that is tried and not estimated.
 const OF_FIELD: f64 = -1.0;
 const TRIED: f64 = -0.3;
