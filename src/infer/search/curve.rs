@@ -1,8 +1,8 @@
 //! A law in the model's text: a table with nodes as params, smooth, fitted as any other model. Written down it is a model that can be simulated: a
 //! stand-in for physics that has no name yet.
 
-use super::random_effect::{Unnamed, extent};
-use super::state::{Ground, State};
+use super::random_effect::Unnamed;
+use super::state::State;
 use crate::candidates::coefficient_text::{CoefficientText, CurveNodes, Dependence};
 use crate::candidates::extended_model::SignalScales;
 use crate::candidates::fitted_model::{FittedModel, shared_from};
@@ -34,12 +34,12 @@ pub(crate) struct Curve {
 /// runs.
 pub(crate) fn curve(
     law: &Unnamed,
-    (ground, state): (&Ground<'_>, &State),
+    state: &State,
     (runs, options, work): (Runs<'_>, &DiagnosisOptions, &Work<'_>),
 ) -> Option<Curve> {
     let signal = law.signal.as_ref()?;
-    let courses = ground.signals(state).into_iter().find(|(name, _)| name == signal)?.1;
-    let (low, high) = extent(courses.iter().flatten());
+    let waves = law.curve.as_ref()?;
+    let (low, high) = waves.ends;
     let first = state.fitted(runs)?;
     let (subject, coefficient) = match law.place.kind {
         PlaceKind::Coefficient => (first.subject.clone(), law.place.name.clone()),
@@ -52,7 +52,8 @@ pub(crate) fn curve(
     let mut best: Option<(usize, WrittenModel)> = None;
     for count in NODES {
         let at: Vec<f64> = (0..count).map(|k| low + (high - low) * k as f64 / (count - 1) as f64).collect();
-        let nodes = CurveNodes { values: vec![value; count], at };
+        let values = at.iter().map(|v| value + waves.at(*v)).collect();
+        let nodes = CurveNodes { values, at };
         let tabulated = text.tabulated(&pair, &over, &nodes, "cubic")?;
         let model = Model::from_source(tabulated.source).ok()?;
         let current = begun(&first, &model, runs)?;

@@ -38,6 +38,39 @@ pub(crate) struct Unnamed {
     pub(crate) signal: Option<String>,
     /// Evidence with prior odds, beside the state alone (nats).
     pub(crate) log: f64,
+    /// The likeliest function.
+    pub(crate) curve: Option<Waves>,
+}
+
+/// A function of a signal.
+#[derive(Debug, Clone)]
+pub(crate) struct Waves {
+    /// Least and greatest value of the signal.
+    pub(crate) ends: (f64, f64),
+    /// Places of waves (cosine and sine of each number of half waves), and their amounts.
+    amounts: Vec<(usize, f64)>,
+}
+
+/// Evidence over sizes, and the mean of the likeliest.
+struct Averaged {
+    logs: Vec<f64>,
+    likeliest: (f64, Vec<f64>),
+}
+
+impl Waves {
+    /// Its value.
+    pub(crate) fn at(&self, v: f64) -> f64 {
+        let wave = |(c, amount): &(usize, f64)| {
+            let phase = phase(1 + c / 2, v, self.ends);
+            amount * if c % 2 == 0 { phase.cos() } else { phase.sin() }
+        };
+        self.amounts.iter().map(wave).sum()
+    }
+}
+
+/// Of so many half waves between two ends.
+fn phase(half_waves: usize, v: f64, ends: (f64, f64)) -> f64 {
+    std::f64::consts::PI * half_waves as f64 * (v - ends.0) / (ends.1 - ends.0)
 }
 
 /// The responses of all runs to courses of a disturbance at all places, in bins: place, course, run.
@@ -123,13 +156,13 @@ impl Ground<'_> {
         (state, judged): (&State, &Judged),
         (count, own): (usize, bool),
         raw: f64,
-    ) -> Vec<f64> {
+    ) -> Averaged {
         let precision = self.precision(state);
         let q = precision.len();
         let plain = self.plain_weights(&judged.linear.grams);
         let sizes: Vec<f64> = sizes().collect();
         let mut found = vec![f64::NEG_INFINITY; sizes.len()];
-        let mut weights: Option<Vec<f64>> = None;
+        let (mut weights, mut likeliest): (Option<Vec<f64>>, (f64, Vec<f64>)) = (None, (f64::NEG_INFINITY, Vec::new()));
         let mut ask = |k: usize, found: &mut Vec<f64>| {
             let prior = (raw / sizes[k]).powi(2);
             let (mut shared, mut of_run) = (precision.clone(), self.own_precision(state));
@@ -146,13 +179,16 @@ impl Ground<'_> {
             let answers = begun.iter().filter_map(|w| question.answer_within(ROUNDS, Some(w)));
             if let Some(answer) = answers.max_by(|a, b| a.log.total_cmp(&b.log)) {
                 found[k] = answer.log;
+                if !own && answer.log > likeliest.0 {
+                    likeliest = (answer.log, answer.mean[q..].to_vec());
+                }
                 weights = Some(answer.weights);
             }
         };
         FIRST.iter().for_each(|k| ask(*k, &mut found));
         let best = |found: &[f64]| found.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         if best(&found) < judged.evidence.log + MATTERS {
-            return found;
+            return Averaged { logs: found, likeliest };
         }
         // outwards from the first ones, as long as that adds something
         for k in FIRST[0] + 1..FIRST[1] {
@@ -170,7 +206,7 @@ impl Ground<'_> {
                 break;
             }
         }
-        found
+        Averaged { logs: found, likeliest }
     }
 
     /// Courses of their own in every run, in each equation (disturbances) and each output (what nothing in the model explains): with evidence
@@ -223,10 +259,10 @@ impl Ground<'_> {
                     all.extend(judged.linear.columns[r][own..].iter().cloned());
                     grams.add(own + HATS, &bins.segments, &all);
                 }
-                logs.extend(self.averaged(&grams, (state, judged), (HATS, true), raw));
+                logs.extend(self.averaged(&grams, (state, judged), (HATS, true), raw).logs);
             }
             let log = log_sum(&logs) - (logs.len() as f64).ln() - base - count.ln() + UNNAMED;
-            Some(Unnamed { place, signal: None, log })
+            Some(Unnamed { place, signal: None, log, curve: None })
         };
         let mut found: Vec<Unnamed> = parallel::map(places.into_iter().zip(bins), one).into_iter().flatten().collect();
         found.sort_by(|a, b| b.log.total_cmp(&a.log));
@@ -255,11 +291,10 @@ impl Ground<'_> {
                 continue;
             }
             let waves = |course: &Vec<f64>| -> Vec<Vec<f64>> {
-                let phase = |m: usize, v: f64| std::f64::consts::PI * m as f64 * (v - ends.0) / (ends.1 - ends.0);
                 let of = |m: usize| {
                     [
-                        course.iter().map(|v| phase(m, *v).cos()).collect(),
-                        course.iter().map(|v| phase(m, *v).sin()).collect(),
+                        course.iter().map(|v| phase(m, *v, ends).cos()).collect(),
+                        course.iter().map(|v| phase(m, *v, ends).sin()).collect(),
                     ]
                 };
                 (1..=WAVES).flat_map(of).collect()
@@ -271,7 +306,8 @@ impl Ground<'_> {
                     PlaceKind::Coefficient => 0..2 * OF_COEFFICIENT,
                     _ => 2..2 * WAVES,
                 };
-                let mut logs = Vec::new();
+                let (mut logs, mut curve): (Vec<f64>, (f64, Vec<(usize, f64)>)) =
+                    (Vec::new(), (f64::NEG_INFINITY, Vec::new()));
                 for smooth in [true, false] {
                     let scale = |c: usize| {
                         let m = (1 + c / 2) as f64;
@@ -293,10 +329,16 @@ impl Ground<'_> {
                         all.extend(scaled.iter().map(|c| c[r].clone()));
                         grams.add(own, &bins.segments, &all);
                     }
-                    logs.extend(self.averaged(&grams, (state, judged), (scaled.len(), false), raw));
+                    let found = self.averaged(&grams, (state, judged), (scaled.len(), false), raw);
+                    logs.extend(found.logs);
+                    if found.likeliest.0 > curve.0 {
+                        let of = |(c, mean): (usize, &f64)| (used.start + c, mean * scale(used.start + c));
+                        curve = (found.likeliest.0, found.likeliest.1.iter().enumerate().map(of).collect());
+                    }
                 }
                 let log = log_sum(&logs) - (logs.len() as f64).ln() - base - count.ln() + UNNAMED;
-                Some(Unnamed { place, signal: Some(name.clone()), log })
+                let curve = Some(Waves { ends, amounts: curve.1 });
+                Some(Unnamed { place, signal: Some(name.clone()), log, curve })
             };
             found.extend(parallel::map(places.into_iter().zip(bins), one).into_iter().flatten());
         }

@@ -19,7 +19,7 @@ const ASKED: usize = 4;
 /// Evidence (nats) by which another effect must be needed beside those that are there: odds of 3 : 1.
 const NEEDED: f64 = 1.1;
 /// Odds of 100 : 1, the group.
-const GROUP: f64 = 4.6;
+pub(crate) const GROUP: f64 = 4.6;
 
 /// A state and what was made of it.
 pub(crate) type Fitted = (State, Judged);

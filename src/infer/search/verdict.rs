@@ -3,7 +3,7 @@
 use super::curve::curve;
 use super::feedback::feedback;
 use super::random_effect::{Unnamed, log_sum};
-use super::search::{self, Fitted, Search};
+use super::search::{self, Fitted, GROUP, Search};
 use super::separating::separating;
 use super::state::{Ground, State};
 use crate::candidates::DiagnosisError;
@@ -170,7 +170,7 @@ impl Judge<'_> {
             }
         };
         let law = laws.first().filter(|_| verdict == Verdict::Law);
-        let curve = law.and_then(|law| curve(law, (ground, &found.null.0), (runs, options, work)));
+        let curve = law.and_then(|law| curve(law, &found.null.0, (runs, options, work)));
         let mut unnamed: Vec<UnnamedCause> = courses.into_iter().chain(laws).map(unnamed).collect();
         unnamed.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
         let mut front = self.front(&found, written.as_ref());
@@ -356,6 +356,8 @@ fn explanations(found: &search::Found, beside: &Beside, left: &Beside) -> Vec<Ex
         (Verdict::Law, beside.of(|u| u.signal.is_some())),
         (Verdict::UnknownCause, log_sum(&[beside.of(is_output), nameless])),
     ];
+    // a function of one signal contains what is named as a special case: where it is as likely it says no more
+    let preferred = effects > of[3].1 - GROUP;
     let all = log_sum(&of.map(|(_, log)| log));
     let mut found: Vec<Explanation> = of
         .into_iter()
@@ -363,6 +365,10 @@ fn explanations(found: &search::Found, beside: &Beside, left: &Beside) -> Vec<Ex
         .map(|(verdict, evidence)| Explanation { verdict, evidence, probability: (evidence - all).exp() })
         .collect();
     found.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+    if preferred && found.first().is_some_and(|e| e.verdict == Verdict::Law) {
+        let named = found.iter().position(|e| e.verdict == Verdict::EffectFound);
+        named.into_iter().for_each(|at| found[..=at].rotate_right(1));
+    }
     found
 }
 
