@@ -72,7 +72,7 @@ class Diagnosis(Answer):
 
     @property
     def causes(self) -> list[Document]:
-        """Accepted effects: ``effect``, ``targets``, ``parameters``, ``gain_training``, ``gain_validation``, ``p``."""
+        """Accepted effects: ``effect``, ``targets``, ``parameters``, ``loss`` (nats), ``probability``, ``group``."""
         return self.document.causes
 
     def plot(self, *, axes: Any = None) -> Any:

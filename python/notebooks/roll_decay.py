@@ -48,7 +48,7 @@ plt.close("all")
 diagnosis = linear.diagnose(run, only=["quadratic_damping", "cubic_stiffness"], progress=False)
 print(diagnosis.verdict)
 for cause in diagnosis.causes:
-    print(cause.effect, cause.targets, f"{cause.gain_training:.0f}")
+    print(cause.effect, cause.targets, f"{cause.loss:.0f}")
 assert diagnosis.verdict == "effect_found" and diagnosis.extended is not None
 diagnosis.plot()
 plt.close("all")

@@ -28,7 +28,7 @@ pub(crate) struct Answer {
     pub(crate) unexplained: bool,
 }
 
-const VERDICTS: [&str; 4] = ["effect_found", "disturbance", "unknown_cause", "no_effect_found"];
+const VERDICTS: [&str; 5] = ["effect_found", "disturbance", "law", "unknown_cause", "no_effect_found"];
 
 impl Answer {
     /// Reads what was printed.
@@ -38,22 +38,16 @@ impl Answer {
         if !VERDICTS.contains(&verdict.as_str()) {
             return Err(format!("the verdict `{verdict}`"));
         }
-        let p =
-            json["family_wise_p"].as_f64().filter(|p| (0.0..=1.0).contains(p)).ok_or("no family_wise_p in [0, 1]")?;
+        let explanations = json["explanations"].as_array().ok_or("no explanations")?;
+        let nothing = explanations.iter().find(|e| e["verdict"] == "no_effect_found");
+        let p = nothing.and_then(|e| e["probability"].as_f64()).filter(|p| (0.0..=1.0).contains(p));
+        let p = p.ok_or("no probability of nothing in [0, 1]")?;
         let causes = json["causes"].as_array().ok_or("no causes")?;
         let causes = causes.iter().map(Named::read).collect::<Result<_, _>>()?;
-        for key in ["lack_of_fit", "detectable"] {
-            json[key].as_array().ok_or(format!("no {key}"))?;
-        }
-        let sites = json["places"].as_array().map_or(Vec::new(), |list| list.iter().filter_map(site).collect());
-        let said = |key: &str| match &json[key] {
-            Value::Array(list) => !list.is_empty(),
-            Value::Bool(said) => *said,
-            Value::String(text) => !text.is_empty(),
-            Value::Object(_) => true,
-            _ => false,
-        };
-        let unexplained = said("residual_analysis");
+        json["lack_of_fit"].as_array().ok_or("no lack_of_fit")?;
+        let unnamed = json["unnamed"].as_array().ok_or("no unnamed")?;
+        let sites = unnamed.iter().filter_map(site).collect();
+        let unexplained = unnamed.iter().any(|u| u["evidence"].as_f64().is_some_and(|e| e > 0.0));
         Ok(Self { verdict, p, causes, sites, unexplained })
     }
 }
@@ -144,15 +138,15 @@ mod tests {
 
     #[test]
     fn the_contract_is_read_and_what_breaks_it_refused() {
-        let text = r#"{"verdict": "effect_found", "family_wise_p": 0.001, "causes": [{"effect": "input_delay", "targets": ["de"],
-            "parameters": [{"name": "tau_de", "value": 0.2}], "gain_training": 20.0, "gain_validation": 9.0, "p": 0.001,
-            "group": [{"effect": "input_delay", "targets": ["de"]}, {"effect": "actuator_lag", "targets": ["de"]}],
-            "separating_experiment": null}], "lack_of_fit": [], "detectable": [], "extended_model": null}"#;
+        let text = r#"{"verdict": "effect_found", "explanations": [{"verdict": "no_effect_found", "probability": 0.001}], "causes": [{"effect": "input_delay", "targets": ["de"],
+            "parameters": [{"name": "tau_de", "value": 0.2}], "loss": 20.0, "probability": 0.9,
+            "group": [{"effect": "actuator_lag", "targets": ["de"]}],
+            "separating_experiment": null}], "lack_of_fit": [], "unnamed": [], "extended_model": null}"#;
         let answer = Answer::read(text).unwrap();
         assert_eq!(answer.causes[0].place.to_string(), "input_delay(de)");
         assert_eq!((answer.causes[0].group.len(), answer.causes[0].parameters[0].1), (2, 0.2));
         for (from, to) in
-            [("effect_found", "perhaps"), ("0.001, \"causes\"", "2, \"causes\""), ("\"lack_of_fit\"", "\"x\"")]
+            [("effect_found", "perhaps"), ("0.001}]", "2}]"), ("\"lack_of_fit\"", "\"x\"")]
         {
             assert!(Answer::read(&text.replacen(from, to, 1)).is_err(), "{to}");
         }

@@ -95,7 +95,7 @@ def judge(case, found):
     if truth["kind"] == "pair":
         taken = [{k for k, c in enumerate(causes) if grouped(r, c)} for r in right]
         row["group"] = all(taken) and len(set.union(*taken)) >= 2
-    words = json.dumps([d.get("residual_analysis"), d.get("suggestions")]) if d else ""
+    words = json.dumps(d.get("unnamed")) if d else ""
     if truth["kind"] == "outside":
         kind, place = truth["hidden"][0]["kind"], truth["hidden"][0]["place"]
         sites = [s["name"] for s in sites_of(d)] if d else []

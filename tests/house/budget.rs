@@ -143,7 +143,7 @@ fn whole(root: &Path, rows: &BTreeMap<String, Row>, long: &[String]) -> String {
         ("files in import cycles of more than three", circles.iter().sum::<usize>().to_string(), "0"),
         ("functions above 100 lines, without tables", sum.long.to_string(), "0"),
         ("named numeric constants", sum.constants.to_string(), "800"),
-        ("... in what chooses models (discover)", rows.get("discover").map_or(0, |r| r.constants).to_string(), "40"),
+        ("... in what chooses models (infer)", rows.get("infer").map_or(0, |r| r.constants).to_string(), "40"),
         ("words of guide, reference, theory", manual.to_string(), "55000"),
         ("words of notebook", words(&root.join("docs/notebook")).to_string(), "10000"),
         ("size of target/release/fdm, if built, MB", format!("{:.1}", binary as f64 / 1e6), "18"),
