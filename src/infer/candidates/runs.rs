@@ -206,7 +206,7 @@ pub(crate) fn is_even(run: &Run) -> bool {
 }
 
 /// Whether every k-th sample of the inputs says all of them, as they are interpolated: what is lost would be taken for an effect.
-fn keeps_inputs(run: &Run, k: usize) -> bool {
+pub(crate) fn keeps_inputs(run: &Run, k: usize) -> bool {
     let (n, m) = (run.len(), run.held.len());
     (0..m).all(|i| {
         let value = |row: usize| run.inputs[row * m + i];

@@ -11,13 +11,14 @@ use crate::candidates::extended_model::place;
 use crate::candidates::fitted_model::FittedModel;
 use crate::candidates::initial_fit::{initial_fits, plain_fit};
 use crate::candidates::place::PlaceKind;
-use crate::candidates::runs::{DiagnosisOptions, Domain, Runs, apart, interval, prepared, thinned};
+use crate::candidates::runs::{DiagnosisOptions, Domain, Runs, apart, interval, keeps_inputs, prepared, thinned};
 use crate::candidates::written_model::{WrittenModel, at_values, squares, written_model};
 use crate::diagnosis::{
     Alternative, Biased, Cause, Diagnosis, Explanation, FrontModel, FrontOutput, NewValue, OutputGain, Overlay,
     UnnamedCause, Verdict,
 };
 use crate::evidence::binning::Binning;
+use crate::evidence::decimation::decimation;
 use crate::lack_of_fit::{BinnedResidual, LackOfFit, RunResidual, lack_of_fit, lack_of_fit_of_bins};
 use fdm_effects::{Candidate, Catalogue, Subject};
 use fdm_estimate::residuals::OutputFit;
@@ -26,7 +27,7 @@ use fdm_system::model::Model;
 use fdm_system::record::Run;
 use std::collections::BTreeSet;
 
-/// Ratio of squared errors on validation runs up to which a set predicts as well.
+/// Ratio of squared errors, on validation runs where there are any, up to which a set predicts as well.
 const AS_WELL: f64 = 1.02;
 
 /// Finds what is missing from a model: fits it as it stands, and goes from set of effects to set by the evidence of the written model.
@@ -64,6 +65,22 @@ pub fn diagnose(
     work.stage("fitting the base model");
     let first = initial_fits(model, runs, options, work)?.into_iter().next();
     let first = first.ok_or_else(|| DiagnosisError::NoFit("it has no end".into()))?;
+    let mut every = decimation(&first, runs);
+    while every > 1 && !all.iter().all(|run| keeps_inputs(run, every)) {
+        every -= (every / 4).max(1);
+    }
+    let fewer: Vec<Run> = if every > 1 { all.iter().map(|run| run.every(every)).collect() } else { Vec::new() };
+    let (first, runs) = match every > 1 {
+        false => (first, runs),
+        true => {
+            notes.push(format!(
+                "every {every}th sample is used: what is above the band of the model and all its derivatives is noise; all errors are those of \
+                 what is left"
+            ));
+            let runs = Runs { all: &fewer, ..runs };
+            (FittedModel::new(first.model.clone(), runs, first.theta.clone())?, runs)
+        }
+    };
     let names = names(model);
     let fresh = |c: &Candidate| c.targets().iter().all(|t| names.contains(t));
     let candidates: Vec<Candidate> = catalogue.places(&first.subject).candidates.into_iter().filter(fresh).collect();
@@ -137,8 +154,9 @@ impl Judge<'_> {
         let base = State::base(first, ground.runs).ok_or_else(|| DiagnosisError::NoFit("it has no response".into()))?;
         work.stage(&format!("searching among {} candidates", candidates.len()));
         let predicts = |new: &State, old: &State| {
-            let ratio = |state: &State| self.plain(state).and_then(|w| w.validation).unwrap_or(f64::INFINITY);
-            runs.validation().is_empty() || ratio(new) <= AS_WELL * ratio(old)
+            // without runs that were not fitted, those that were: a text with one effect more that does worse there was lost on its way
+            let ratio = |state: &State| self.plain(state).map_or(f64::INFINITY, |w| w.ratio());
+            ratio(new) <= AS_WELL * ratio(old)
         };
         let none = || DiagnosisError::NoFit("it has no derivatives at the estimates".into());
         let (ground, null) = ground.clone().with_growing_noise(base.clone()).ok_or_else(none)?;
