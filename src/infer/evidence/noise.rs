@@ -20,7 +20,7 @@ const WANDERING: f64 = 0.01;
 /// Prior share of rough spectra beside all these.
 const ROUGH: f64 = 0.05;
 /// Shape of their inverse-gamma factor: each band within a factor of about 1.7 of its shape.
-const ROUGHNESS: f64 = 4.0;
+pub(crate) const ROUGHNESS: f64 = 4.0;
 /// Logarithms of the levels of rough spectra, about the likeliest level of a shape: 11 within e^2.5.
 const LEVELS: [f64; 11] = [-2.5, -2.0, -1.5, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0, 2.5];
 /// Shares of a coloured part against white noise; of first-order Gauss-Markov noise at zero frequency, of a power at one radian a sample.
