@@ -8,6 +8,8 @@
 //! and so the noise of a bad model.
 
 use crate::evidence::bands::BandCounts;
+use crate::evidence::gram::dot;
+use fdm_numeric::lanes::widest;
 use fdm_numeric::statistics::log_gamma;
 use std::f64::consts::PI;
 
@@ -188,8 +190,10 @@ impl NoisePrior {
         let (bands, half) = (self.bands(), self.total / 2.0);
         let NoiseScratch { likelihood, quotient, rough } = scratch;
         quotient.clear();
-        let of_shape = |inverse: &[f64]| 0.5 * inverse.iter().zip(powers).map(|(i, p)| i * p).sum::<f64>();
-        quotient.extend(self.inverse.chunks_exact(bands).map(of_shape));
+        widest(
+            #[inline(always)]
+            || quotient.extend(self.inverse.chunks_exact(bands).map(|inverse| 0.5 * dot(inverse, powers))),
+        );
         likelihood.clear();
         likelihood.extend(self.constant.iter().zip(&*quotient).map(|(constant, q)| constant - half * q.ln()));
         let (best, greatest) = maximum(likelihood);
