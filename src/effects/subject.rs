@@ -9,8 +9,8 @@ use fdm_grammar::model::{Model, Origin};
 use fdm_grammar::op::ExprId;
 use fdm_grammar::source::{Source, Span};
 use fdm_grammar::syntax::{
-    BinarySign, Declaration, Expr, ExprRef, Role, Shape, SlotKind, StatementKind, SyntaxTree, UnarySign, Value, each_root,
-    parse,
+    BinarySign, Declaration, Expr, ExprRef, Role, Shape, SlotKind, StatementKind, SyntaxTree, UnarySign, Value,
+    each_root, parse,
 };
 use fdm_grammar::unit::Unit;
 use std::collections::{BTreeMap, BTreeSet};

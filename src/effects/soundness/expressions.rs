@@ -63,7 +63,8 @@ impl<'a> Check<'a> {
             }
             return;
         }
-        let species = SPECIES.iter().find(|(n, ..)| *n == name.text).map(|(_, count, form)| (*count, false, (*form).to_string()));
+        let species =
+            SPECIES.iter().find(|(n, ..)| *n == name.text).map(|(_, count, form)| (*count, false, (*form).to_string()));
         match species.or_else(|| function_form(&name.text)) {
             Some((least, more, form)) if given < least || given > least && !more => {
                 let message = format!("`{}` takes {least} arguments, not {given}", name.text);
