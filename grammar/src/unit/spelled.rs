@@ -119,6 +119,7 @@ static WHOLE: &[(&str, &str)] = &[
     ("rh%", "%"),
     ("inchhg", "inHg"),
     ("in.hg", "inHg"),
+    ("inhg", "inHg"),
     ("mmhg", "mmHg"),
     ("ah", "A*h"),
     ("mah", "mA*h"),

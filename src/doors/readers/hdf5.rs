@@ -2,7 +2,7 @@
 //!
 //! Only what a writer asked for is protected by checksums (`fletcher32`, packed chunks); other numbers are as they stand.
 
-use crate::log::{Damage, Field, Log, ReadError, Reader, by_length};
+use crate::log::{Damage, Field, Log, ReadError, Reader, by_length, of_matrix};
 use hdf5_pure::{AttrValue, DType, Dataset, File, Group};
 
 /// The reader.
@@ -128,18 +128,24 @@ impl State {
             return self.lost(name, format_args!("{} numbers for the shape {shape:?}", values.len()));
         }
         let unit = text("units").or_else(|| text("unit"));
-        let field = |name: String, values| Field { name, unit: unit.clone(), values };
+        let field = |name: String, values| Field { name, unit: unit.clone(), values, texts: Vec::new() };
         let wide = |n: u64| n as usize <= WIDEST && n > 0;
         match shape[..] {
             [] | [_] => self.fields.push(field(name.into(), values)),
             [1, _] | [_, 1] => self.fields.push(field(name.into(), values)),
-            [columns, rows] if self.matlab && wide(columns) && rows > 0 => {
-                let column = |(k, v): (usize, &[f64])| field(format!("{name}(:,{})", k + 1), v.to_vec());
-                self.fields.extend(values.chunks_exact(rows as usize).enumerate().map(column));
-            }
-            [rows, columns] if !self.matlab && wide(columns) && rows > 0 => {
-                let of = |c: usize| values.iter().skip(c).step_by(columns as usize).copied().collect();
-                self.fields.extend((0..columns as usize).map(|c| field(format!("{name}[:,{c}]"), of(c))));
+            [first, second] if wide(first.min(second)) => {
+                // MATLAB writes matrices by columns, which HDF5 shows as rows
+                let (rows, columns) = if self.matlab { (second, first) } else { (first, second) };
+                let (rows, columns) = (rows as usize, columns as usize);
+                let at = |r: usize, c: usize| if self.matlab { values[c * rows + r] } else { values[r * columns + c] };
+                let title = |row: Option<usize>, column: Option<usize>| match (row, column, self.matlab) {
+                    (Some(row), _, true) => format!("{name}({},:)", row + 1),
+                    (Some(row), _, false) => format!("{name}[{row},:]"),
+                    (_, column, true) => format!("{name}(:,{})", column.unwrap_or(0) + 1),
+                    (_, column, false) => format!("{name}[:,{}]", column.unwrap_or(0)),
+                };
+                let found = of_matrix((rows, columns), &title, &at);
+                self.fields.extend(found.into_iter().map(|f| Field { unit: unit.clone(), ..f }));
             }
             _ => {
                 self.remarks.push(format!("`{name}` has the shape {shape:?}; arrays of one or two dimensions are read"))

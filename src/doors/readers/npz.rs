@@ -4,7 +4,7 @@
 //! Source: <https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html>.
 
 use crate::bytes::Number;
-use crate::log::{Damage, Field, Log, ReadError, Reader, Source, by_length};
+use crate::log::{Damage, Field, Log, ReadError, Reader, Source, by_length, of_matrix};
 use crate::zip::directory;
 use std::io::{self, Cursor, Read, SeekFrom};
 
@@ -104,6 +104,7 @@ fn array(
             header.trim_end().chars().take(80).collect::<String>().escape_debug()
         )
     };
+    let record = value("descr").and_then(|v| v.strip_prefix('[')).and_then(|v| v.split_once(']'));
     let descr = value("descr").and_then(|v| v.strip_prefix('\'')).and_then(|v| v.split_once('\''));
     let shape = value("shape").and_then(|v| v.strip_prefix('(')).and_then(|v| v.split_once(')'));
     let fortran = value("fortran_order").map(|v| v.starts_with("True"));
@@ -111,15 +112,20 @@ fn array(
     let dimensions: Option<Vec<usize>> =
         shape.split(',').map(str::trim).filter(|d| !d.is_empty()).map(|d| d.parse().ok()).collect();
     let dimensions = dimensions.ok_or_else(bad)?;
-    let Some((descr, _)) = descr else {
-        remarks.push(format!("`{name}` is an array of records, which are not read"));
-        return Ok(Vec::new());
-    };
+    let count = dimensions.iter().try_fold(1_usize, |n, d| n.checked_mul(*d));
+    if let Some((record, _)) = record {
+        let Some(members) = members_of(record) else {
+            remarks.push(format!("`{name}` holds records of other than numbers and texts, which are not read"));
+            return Ok(Vec::new());
+        };
+        let left = size.saturating_sub(u64::from(length) + before);
+        return records(reader, count.ok_or_else(bad)?, members, left).map_err(|what| format!("{what} (shape {shape})"));
+    }
+    let Some((descr, _)) = descr else { return Err(bad()) };
     let Some((number, big_endian)) = number_of(descr) else {
         remarks.push(format!("`{name}` holds `{descr}`, and no numbers"));
         return Ok(Vec::new());
     };
-    let count = dimensions.iter().try_fold(1_usize, |n, d| n.checked_mul(*d));
     let expected = count.and_then(|n| n.checked_mul(number.size())).ok_or_else(bad)?;
     let left = size.saturating_sub(u64::from(length) + before);
     if left != expected as u64 {
@@ -155,7 +161,100 @@ fn array(
         }
     })
     .map_err(|e| format!("its numbers are cut off: {e}"))?;
+    let rows = columns.first().map_or(0, Vec::len);
+    if rows > 1 && columns.len() > 1 {
+        let titled = |row: Option<usize>, column: Option<usize>| match (row, column) {
+            (Some(row), _) => format!("{name}[{row},:]"),
+            (_, column) => names[column.unwrap_or(0)].clone(),
+        };
+        return Ok(of_matrix((rows, columns.len()), &titled, &|r, c| columns[c][r]));
+    }
     Ok(names.into_iter().zip(columns).map(|(name, values)| Field::new(name, None, values)).collect())
+}
+
+/// A member of a record: its name, what it holds, and how many of it.
+struct Member {
+    name: String,
+    kind: Kind,
+    count: usize,
+}
+
+enum Kind {
+    Number(Number, bool),
+    /// Bytes of a text, of one or four for a character.
+    Text(usize, usize),
+}
+
+/// The members of records, as `('time', '<f8'), ('name', '<U8')` lists them.
+fn members_of(list: &str) -> Option<Vec<Member>> {
+    let mut members = Vec::new();
+    for part in list.split("('").skip(1) {
+        let (name, rest) = part.split_once('\'')?;
+        let (descr, rest) = rest.split_once('\'')?.1.split_once('\'')?;
+        let count = match rest.trim_start().strip_prefix(", (").and_then(|r| r.split_once(')')) {
+            Some((shape, _)) => shape.split(',').map(str::trim).filter(|d| !d.is_empty()).map(|d| d.parse::<usize>().ok()).product::<Option<usize>>()?,
+            None => 1,
+        };
+        let width = |letter: char| descr.split_once(letter).and_then(|(_, n)| n.parse::<usize>().ok());
+        let kind = match number_of(descr) {
+            Some((number, big_endian)) => Kind::Number(number, big_endian),
+            None => match (width('S'), width('U')) {
+                (Some(n), _) => Kind::Text(n, 1),
+                (_, Some(n)) if !descr.starts_with('>') => Kind::Text(4 * n, 4),
+                _ => return None,
+            },
+        };
+        (count <= WIDEST).then_some(())?;
+        members.push(Member { name: name.into(), kind, count });
+    }
+    (!members.is_empty()).then_some(members)
+}
+
+/// The columns of an array of records.
+fn records(reader: &mut dyn Read, rows: usize, members: Vec<Member>, left: u64) -> Result<Vec<Field>, String> {
+    let size = |m: &Member| {
+        m.count
+            * match m.kind {
+                Kind::Number(number, _) => number.size(),
+                Kind::Text(bytes, _) => bytes,
+            }
+    };
+    let width: usize = members.iter().map(size).sum();
+    if rows.checked_mul(width).map(|n| n as u64) != Some(left) {
+        return Err(format!("it has {left} bytes, and {rows} records of {width} bytes"));
+    }
+    let mut fields: Vec<Field> = Vec::new();
+    for member in &members {
+        let names = (0..member.count).map(|k| match member.count {
+            1 => member.name.clone(),
+            _ => format!("{}[{k}]", member.name),
+        });
+        fields.extend(names.map(|name| Field::new(name, None, Vec::new())));
+    }
+    let mut record = vec![0; width];
+    for _ in 0..rows {
+        reader.read_exact(&mut record).map_err(|e| format!("its records are cut off: {e}"))?;
+        let (mut at, mut column) = (0, 0);
+        for member in &members {
+            for _ in 0..member.count {
+                let bytes = &record[at..at + size(member) / member.count];
+                match member.kind {
+                    Kind::Number(number, big_endian) => fields[column].values.extend(number.read(bytes, big_endian)),
+                    Kind::Text(_, 1) => {
+                        let text = String::from_utf8_lossy(bytes);
+                        fields[column].texts.push(text.trim_end_matches('\0').to_string());
+                    }
+                    Kind::Text(..) => {
+                        let letters = bytes.chunks_exact(4).filter_map(|b| b.try_into().ok().map(u32::from_le_bytes));
+                        fields[column].texts.push(letters.filter(|c| *c > 0).filter_map(char::from_u32).collect());
+                    }
+                }
+                at += bytes.len();
+                column += 1;
+            }
+        }
+    }
+    Ok(fields)
 }
 
 /// Reads so many bytes, in parts of whole numbers.

@@ -3,7 +3,7 @@
 
 use super::note::Note;
 use super::read::{ChannelSource, Summary};
-use super::table::Mark;
+use super::grid::Mark;
 use serde::{Deserialize, Serialize};
 
 /// What was assumed about the record of one run. Results hold it.
