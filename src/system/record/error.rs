@@ -216,6 +216,9 @@ pub enum Fault {
     /// Nothing but blank lines and comments.
     #[error("the file holds no rows, expected a header with column names and rows of numbers")]
     Empty,
+    /// No line holds names of the columns.
+    #[error("no line above the rows holds names of the columns ({0}), expected such as `t [s], phi [deg]`")]
+    NoHeader(String),
     /// A line too long to be a row, by the limit in bytes.
     #[error("the line is longer than the limit of {} KiB, expected rows of numbers", .0 >> 10)]
     LongLine(usize),

@@ -134,8 +134,8 @@ pub(crate) fn find(text: &str, comments: &[(usize, String)], only: Option<Delimi
     let occurring = delimiters.into_iter().filter(|d| only.is_some() || *d == Delimiter::Comma || d.occurs(beginning));
     let mut readings: Vec<Reading> = occurring.map(|d| Reading::of(beginning, comments, d)).collect();
     let score = |r: &Reading| {
-        let (numbers, width) = r.run.as_ref().map_or((0, 0), |run| (run.numbers, run.width));
-        (width > 1, !r.header.names.is_empty(), numbers, width)
+        let (numbers, rows, width) = r.run.as_ref().map_or((0, 0, 0), |run| (run.numbers, run.rows, run.width));
+        (width > 1, !r.header.names.is_empty(), numbers, rows, width)
     };
     let best = readings.iter().map(score).max().unwrap_or_default();
     let by_rows = readings.iter().position(|r| score(r) == best).filter(|_| best.2 > 0);
@@ -210,7 +210,13 @@ impl Reading {
         let used = |k: &usize| header.names.contains(k) || header.aliases.contains(k) || header.units == Some(*k);
         let about: Vec<(String, String)> = lines[..top].iter().filter_map(said).collect();
         let mut notes = Vec::new();
-        let left = (0..run.start).filter(|k| !used(k) && !lines[*k].comment).count();
+        let below = |k: &usize| header.names.last().is_some_and(|names| k > names);
+        let unused = |k: &usize| !used(k) && !lines[*k].comment;
+        for k in (0..run.start).filter(unused).filter(below) {
+            let line = lines[k].number;
+            notes.push(Note::Layout(format!("line {line}, below the names, holds neither units nor numbers and is left out")));
+        }
+        let left = (0..run.start).filter(unused).filter(|k| !below(k)).count();
         if left > 0 {
             notes.push(Note::Layout(left_out(left, &about)));
         }
@@ -328,7 +334,8 @@ fn header(lines: &[Line], run: &Run) -> Header {
 
 /// Tells names from units in the lines above a table, the nearest first.
 fn of_block(lines: &[Line], mut block: Vec<usize>, width: usize) -> Header {
-    let units = block.iter().position(|k| lines[*k].units).filter(|_| block.len() > 1).map(|at| block.remove(at));
+    let of_units = (0..block.len()).filter(|at| block.len() > 1 && lines[block[*at]].units);
+    let units = of_units.min_by_key(|at| (usize::MAX - lines[block[*at]].filled(), *at)).map(|at| block.remove(at));
     // a row of units ends the header: a line above names and units belongs to it where it is one of names
     let full = |k: &usize| lines[*k].filled() >= width && lines[*k].trimmed() >= width;
     let unique = |k: &usize| full(k) && lines[*k].distinct() >= width;
@@ -336,7 +343,7 @@ fn of_block(lines: &[Line], mut block: Vec<usize>, width: usize) -> Header {
     let upper = block.get(1).copied();
     let (names, others) = match (unique(&nearest), block.iter().copied().find(|k| unique(k))) {
         (true, _) => (vec![nearest], &block[1..]),
-        (false, Some(other)) if !full(&nearest) => (vec![other], &block[..0]),
+        (false, Some(other)) => (vec![other], &block[..0]),
         // titles over several columns
         (false, _) => match upper.filter(|k| !unique(k) && !lines[*k].comment && lines[*k].filled() > 1) {
             Some(upper) => (vec![upper, nearest], &block[..0]),

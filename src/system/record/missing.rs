@@ -84,7 +84,7 @@ mod tests {
         assert_eq!(gaps(read("t,y\n0,1\n1,-999\n2,3\n", &[])), (1, 1));
         assert_eq!(gaps(read("t,y\n0,1\n1,-999\n2,3\n", &["none"])), (0, 0));
         assert_eq!(gaps(read("t,y\n0,-990\n1,-999\n2,-700\n", &[])), (0, 0));
-        assert_eq!(gaps(read("t,y\n0,1\n1,77\n2,x\n", &["77", "x"])), (1, 2));
+        assert_eq!(gaps(read("t,y\n0,1\n1,77\n2,x\n", &["77", "x"])), (2, 2));
     }
 
     #[test]

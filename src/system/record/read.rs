@@ -156,6 +156,12 @@ fn assemble(
     (demands, mut notes): (&[Demand], Vec<Note>),
 ) -> Result<Vec<(Run, Summary)>, Vec<Problem>> {
     let mut problems = check_options(channels, options);
+    if table.unnamed && options.map.is_empty() {
+        let row: Vec<String> = table.columns.iter().take(3).filter_map(|c| Some(c.values.first()?.to_string())).collect();
+        let hint = "name them by their numbers, --map \"t=#1 [s]\" --map u=#2 .., or write names into a line above the rows";
+        problems.push(table.in_header(Fault::NoHeader(row.join(", "))).hint(hint));
+        return Err(problems);
+    }
     let plan = search::plan(table, channels, options, demands, &mut notes).map_err(|p| problems.extend(p));
     let (Ok(plan), true) = (plan, problems.is_empty()) else { return Err(problems) };
     let repeats = samples::collect(table, &plan, channels.timed, options)?;

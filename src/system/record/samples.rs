@@ -308,6 +308,11 @@ impl<'a> Collector<'a> {
         match self.tallies.iter_mut().find(|t| t.key == key) {
             Some(tally) => {
                 tally.count += 1;
+                let (mut line, mut fault) = (line, fault);
+                if line < tally.line {
+                    std::mem::swap(&mut line, &mut tally.line);
+                    std::mem::swap(&mut fault, &mut tally.fault);
+                }
                 if tally.also.len() < NAMED {
                     tally.also.push(line);
                 }

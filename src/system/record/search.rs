@@ -455,9 +455,10 @@ fn is_pure(title: &str, name: &str) -> bool {
 
 /// What is said of a unit that is read as another spelling, and of turns that one of two units does not name.
 fn spelled(known: &Spelled, (title, from): (&str, &str), channel: &Channel, to: &Unit) -> Option<Note> {
-    let turns = |text: &str| ["rad", "deg", "rev", "rpm", "°"].iter().any(|turn| text.to_lowercase().contains(turn));
+    let turns = |text: &str| text.split(|c: char| !c.is_alphabetic()).any(|w| ["rad", "deg", "rev", "rpm"].contains(&w));
     let taken_for = known.taken_for.clone().unwrap_or_else(|| from.to_string());
-    let counts = !turns(&taken_for) && turns(to.text()) && !known.unit.is_one() && to.text() != "rad" && to.text() != "deg";
+    let rate = Unit::one().quotient(&Unit::second()).is_some_and(|rate| rate.same_dimension(to));
+    let counts = rate && !turns(&taken_for) && turns(to.text());
     let or_else = counts.then(|| {
         let name = &Heading::new(title).name;
         format!("where turns are meant, and not radians, say --map \"{}={name} [rpm]\"", channel.name)

@@ -51,6 +51,7 @@ pub(crate) fn lying(text: &str, layout: &Layout) -> Option<Table> {
     let unnamed = if named { "" } else { "; they have no names and are called `#1`, `#2`, .." };
     table.notes.push(Note::Layout(format!("each of the {} rows is a signal{unnamed}", signals.len())));
     table.delimiter = Some(layout.delimiter);
+    table.unnamed = !named;
     Some(table)
 }
 

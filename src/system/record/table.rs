@@ -34,6 +34,8 @@ pub(crate) struct Table {
     pub(crate) held: Vec<(String, bool)>,
     /// What the file says of itself above its table.
     pub(crate) about: Vec<(String, String)>,
+    /// Whether the file holds no names of its columns.
+    pub(crate) unnamed: bool,
     /// What was understood.
     pub(crate) notes: Vec<Note>,
 }
@@ -99,7 +101,8 @@ impl Table {
             return Ok(Self { ended, ..lying });
         }
         let Layout { delimiter, mut headings, header_line, first_line, width, about, mut notes } = layout;
-        if headings.is_empty() {
+        let unnamed = headings.is_empty();
+        if unnamed {
             headings = (1..=width).map(|k| Heading::new(&format!("#{k}"))).collect();
             let said = format!("no line above the rows holds names: the columns are called `#1` to `#{width}`");
             notes.push(Note::Layout(said));
@@ -111,6 +114,7 @@ impl Table {
             header_line: Some(header_line),
             ended,
             about,
+            unnamed,
             notes,
             ..Self::default()
         };
