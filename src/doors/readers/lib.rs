@@ -17,6 +17,8 @@ mod log;
 mod map;
 #[cfg(feature = "mat")]
 mod mat;
+#[cfg(any(feature = "npz", feature = "hdf5"))]
+mod members;
 #[cfg(feature = "npz")]
 mod npz;
 #[cfg(feature = "parquet")]

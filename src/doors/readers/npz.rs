@@ -4,6 +4,7 @@
 //! Source: <https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html>.
 
 use crate::bytes::Number;
+use crate::members::{Kind, Member, append_record, empty_columns};
 use crate::log::{Damage, Field, Log, ReadError, Reader, Source, by_length, of_matrix};
 use crate::zip::directory;
 use std::io::{self, Cursor, Read, SeekFrom};
@@ -119,7 +120,7 @@ fn array(
             return Ok(Vec::new());
         };
         let left = size.saturating_sub(u64::from(length) + before);
-        return records(reader, count.ok_or_else(bad)?, members, left).map_err(|what| format!("{what} (shape {shape})"));
+        return records(reader, count.ok_or_else(bad)?, &members, left).map_err(|what| format!("{what} (shape {shape})"));
     }
     let Some((descr, _)) = descr else { return Err(bad()) };
     let Some((number, big_endian)) = number_of(descr) else {
@@ -172,87 +173,49 @@ fn array(
     Ok(names.into_iter().zip(columns).map(|(name, values)| Field::new(name, None, values)).collect())
 }
 
-/// A member of a record: its name, what it holds, and how many of it.
-struct Member {
-    name: String,
-    kind: Kind,
-    count: usize,
-}
-
-enum Kind {
-    Number(Number, bool),
-    /// Bytes of a text, of one or four for a character.
-    Text(usize, usize),
-}
-
-/// The members of records, as `('time', '<f8'), ('name', '<U8')` lists them.
+/// The members of records, as `('time', '<f8'), ('name', '<U8')` lists them; they lie one behind the other.
 fn members_of(list: &str) -> Option<Vec<Member>> {
-    let mut members = Vec::new();
+    let (mut members, mut at) = (Vec::new(), 0_usize);
     for part in list.split("('").skip(1) {
         let (name, rest) = part.split_once('\'')?;
         let (descr, rest) = rest.split_once('\'')?.1.split_once('\'')?;
         let count = match rest.trim_start().strip_prefix(", (").and_then(|r| r.split_once(')')) {
-            Some((shape, _)) => shape.split(',').map(str::trim).filter(|d| !d.is_empty()).map(|d| d.parse::<usize>().ok()).product::<Option<usize>>()?,
+            Some((shape, _)) => {
+                let sizes = shape.split(',').map(str::trim).filter(|d| !d.is_empty());
+                sizes.map(|d| d.parse::<usize>().ok()).product::<Option<usize>>()?
+            }
             None => 1,
         };
         let width = |letter: char| descr.split_once(letter).and_then(|(_, n)| n.parse::<usize>().ok());
         let kind = match number_of(descr) {
             Some((number, big_endian)) => Kind::Number(number, big_endian),
-            None => match (width('S'), width('U')) {
-                (Some(n), _) => Kind::Text(n, 1),
-                (_, Some(n)) if !descr.starts_with('>') => Kind::Text(4 * n, 4),
+            None => match (width('S'), width('U'), width('V')) {
+                (Some(n), _, _) => Kind::Text(n, 1),
+                (_, Some(n), _) if !descr.starts_with('>') => Kind::Text(n.checked_mul(4)?, 4),
+                // what fills a record up
+                (_, _, Some(n)) => Kind::Nothing(n),
                 _ => return None,
             },
         };
         (count <= WIDEST).then_some(())?;
-        members.push(Member { name: name.into(), kind, count });
+        let member = Member { name: name.into(), kind, count, at };
+        at = member.size().checked_mul(count)?.checked_add(at)?;
+        members.push(member);
     }
     (!members.is_empty()).then_some(members)
 }
 
 /// The columns of an array of records.
-fn records(reader: &mut dyn Read, rows: usize, members: Vec<Member>, left: u64) -> Result<Vec<Field>, String> {
-    let size = |m: &Member| {
-        m.count
-            * match m.kind {
-                Kind::Number(number, _) => number.size(),
-                Kind::Text(bytes, _) => bytes,
-            }
-    };
-    let width: usize = members.iter().map(size).sum();
+fn records(reader: &mut dyn Read, rows: usize, members: &[Member], left: u64) -> Result<Vec<Field>, String> {
+    let width = members.last().map_or(0, |m| m.at + m.count * m.size());
     if rows.checked_mul(width).map(|n| n as u64) != Some(left) {
         return Err(format!("it has {left} bytes, and {rows} records of {width} bytes"));
     }
-    let mut fields: Vec<Field> = Vec::new();
-    for member in &members {
-        let names = (0..member.count).map(|k| match member.count {
-            1 => member.name.clone(),
-            _ => format!("{}[{k}]", member.name),
-        });
-        fields.extend(names.map(|name| Field::new(name, None, Vec::new())));
-    }
+    let mut fields = empty_columns(members);
     let mut record = vec![0; width];
     for _ in 0..rows {
         reader.read_exact(&mut record).map_err(|e| format!("its records are cut off: {e}"))?;
-        let (mut at, mut column) = (0, 0);
-        for member in &members {
-            for _ in 0..member.count {
-                let bytes = &record[at..at + size(member) / member.count];
-                match member.kind {
-                    Kind::Number(number, big_endian) => fields[column].values.extend(number.read(bytes, big_endian)),
-                    Kind::Text(_, 1) => {
-                        let text = String::from_utf8_lossy(bytes);
-                        fields[column].texts.push(text.trim_end_matches('\0').to_string());
-                    }
-                    Kind::Text(..) => {
-                        let letters = bytes.chunks_exact(4).filter_map(|b| b.try_into().ok().map(u32::from_le_bytes));
-                        fields[column].texts.push(letters.filter(|c| *c > 0).filter_map(char::from_u32).collect());
-                    }
-                }
-                at += bytes.len();
-                column += 1;
-            }
-        }
+        append_record(&record, members, &mut fields);
     }
     Ok(fields)
 }
