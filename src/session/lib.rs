@@ -20,6 +20,7 @@ pub mod effects;
 pub mod failure;
 mod first_cause;
 pub mod fit;
+pub mod from_record;
 pub mod foreign_code;
 pub mod halt;
 pub mod load;

@@ -45,6 +45,7 @@ pub use error::Fault;
 pub use error::{Names, Problem, RecordError};
 // What stands in files before it is a record of a model: of the readers only this package knows.
 pub use fdm_readers::{ChannelMap, Field, Log, RecordMap, Topic, open_input};
+pub use holds::moves_at_samples;
 pub use log::open_log;
 pub use note::Note;
 pub use options::{Known, Mask as SampleMask, ReadOptions};
