@@ -137,14 +137,17 @@ def layouts(folder):
     yield "JSON: a line for each row", put("l.jsonl", "".join(json.dumps(o) + "\n" for o in objects)), "lag", {}
     np.save(folder / "s.npy", np.array(list(zip(t, u, y)), dtype=[("t", "f8"), ("u", "f4"), ("y", "f8")]))
     yield "structured NumPy array", folder / "s.npy", "lag", {}
-    yield "repeats in rows of one time", put("rep.csv", "time [h],conc [mg/L]\n" + "".join(
-        f"{a},{'' if b is None else b}\n{a},{'' if b is None else b}\n" for a, b in zip(h, c0))), "oral", {}
+    pair = lambda name, scale: put(name, "time [h],conc [mg/L]\n" + "".join(f"{a},{b * scale:.5f}\n" for a, b in zip(h[1:], c[1:])))
+    twice = "".join(f"{a},{b * s:.5f}\n" for a, b in zip(h[1:], c[1:]) for s in (0.96, 1.05))
+    yield "repeats in rows of one time", put("rep.csv", "time [h],conc [mg/L]\n" + twice), "oral", {}, {"truth": [pair("r1.csv", 0.96), pair("r2.csv", 1.05)]}
     subject = lambda k: "".join(f"{k},{a},{'320' if a == 0 else '.'},{'.' if b is None else b},{int(a == 0)},{60 + 5 * k}\n" for a, b in zip(h, c0))
     yield "four subjects in one table", put("nm.csv", "ID,TIME,AMT,DV,EVID,WT\n" + "".join(subject(k) for k in range(1, 5))), "oral", {"conc": "DV"}
     yield "hours and minutes, 08:00", put("hhmm.csv", "time,conc [mg/L]\n" + "".join(
         f"{8 + int(a):02d}:{int(a % 1 * 60):02d},{'' if b is None else b}\n" for a, b in zip(h[:-1], c0))), "oral", {}
     yield "below the limit: <0.5", put("blq.csv", "time [h],conc [mg/L]\n" + "".join(f"{a},{'<0.5' if b is None else b}\n" for a, b in zip(h, c0))), "oral", {}
-    yield "-999 where nothing was measured", put("code.csv", "time [h],conc [mg/L]\n" + "".join(f"{a},{-999 if b is None else b}\n" for a, b in zip(h, c0))), "oral", {}
+    yield "-999 where nothing was measured", put("code.csv", "time [h],conc [mg/L]\n" + "".join(
+        f"{a},{-999 if a == 5 or b is None else b}\n" for a, b in zip(h, c0))), "oral", {}, {"truth": [put(
+            "code0.csv", "time [h],conc [mg/L]\n0,\n" + "".join(f"{a},{b}\n" for a, b in zip(h[1:], c0[1:]) if a != 5))]}
     try:
         import openpyxl
         def sheet(name, lines, merged=()):
@@ -169,13 +172,14 @@ def layouts(folder):
 
 
 def fit(fdm, model, file, extra):
-    command = [fdm, "fit", model, "--data", file, "--json", "--quiet", *extra]
+    files = file if isinstance(file, list) else [file]
+    command = [fdm, "fit", model, *(w for f in files for w in ("--data", f)), "--json", "--quiet", *extra]
     done = subprocess.run([str(c) for c in command], capture_output=True, text=True, timeout=120)
     try:
         found = json.loads(done.stdout)
     except ValueError:
         return None, done.stderr.strip()
-    return {p["name"]: p["estimate"] for p in found["parameters"] if p.get("estimate") is not None}, done.stderr.strip()
+    return {p["name"]: p["value"] for p in found["parameters"]}, done.stderr.strip()
 
 
 ANSWERS = {"--rate": "50", "--runs-by": None, "--below-limit": None, "--replicates": None}
@@ -230,7 +234,7 @@ def judge(fdm, folder, kinds, out):
                 found, after = fit(fdm, models[kind], file, extra + option)
                 how = "with " + " ".join(option)
                 message = message if found is not None else f"{message} // {after}"
-        reference = known.get("reference", truth[kind])
+        reference = fit(fdm, models[kind], known["truth"], [])[0] if "truth" in known else truth[kind]
         right = found is not None and all(abs(found[p] - reference[p]) <= 3e-3 * abs(reference[p]) for p in MODELS[kind][1])
         verdict = "refused" if found is None else "right" if right else "WRONG"
         table.append((name, how if found is not None else "", verdict))

@@ -16,6 +16,8 @@ pub mod even_grid;
 mod grid;
 mod heading;
 mod holds;
+#[cfg(test)]
+mod kinds_tests;
 mod known;
 mod layout;
 mod log;
