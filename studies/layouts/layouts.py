@@ -143,7 +143,8 @@ def layouts(folder):
     subject = lambda k: "".join(f"{k},{a},{'320' if a == 0 else '.'},{'.' if b is None else b},{int(a == 0)},{60 + 5 * k}\n" for a, b in zip(h, c0))
     yield "four subjects in one table", put("nm.csv", "ID,TIME,AMT,DV,EVID,WT\n" + "".join(subject(k) for k in range(1, 5))), "oral", {"conc": "DV"}
     yield "hours and minutes, 08:00", put("hhmm.csv", "time,conc [mg/L]\n" + "".join(
-        f"{8 + int(a):02d}:{int(a % 1 * 60):02d},{'' if b is None else b}\n" for a, b in zip(h[:-1], c0))), "oral", {}
+        f"{8 + int(a):02d}:{int(a % 1 * 60):02d},{'' if b is None else b}\n" for a, b in zip(h[:-1], c0))), "oral", {}, {"truth": [put(
+            "hhmm0.csv", "time [h],conc [mg/L]\n0,\n" + "".join(f"{a},{b}\n" for a, b in zip(h[1:-1], c0[1:])))]}
     yield "below the limit: <0.5", put("blq.csv", "time [h],conc [mg/L]\n" + "".join(f"{a},{'<0.5' if b is None else b}\n" for a, b in zip(h, c0))), "oral", {}
     yield "-999 where nothing was measured", put("code.csv", "time [h],conc [mg/L]\n" + "".join(
         f"{a},{-999 if a == 5 or b is None else b}\n" for a, b in zip(h, c0))), "oral", {}, {"truth": [put(
@@ -187,6 +188,9 @@ ANSWERS = {"--rate": "50", "--runs-by": None, "--below-limit": None, "--replicat
 
 def advised(message, truth):
     """The one option that a message names, with what a person knows: the unit of the clock, the rate, the order of dates."""
+    option = truth.get("option")
+    if option and f"--{option}" in message:
+        return [f"--{option}", str(RATE)]
     found = re.search(r'(--map "t=[^"]*")', message)
     if found:
         text = found.group(1)[7:-1]
@@ -194,8 +198,7 @@ def advised(message, truth):
         text = text.replace("[UNIT]", f"[{unit}]")
         text = re.sub(r"\[(ms|us|ns|s)\]", f"[{unit}]", text)
         text = re.sub(r"\[(dd/mm/yyyy|mm/dd/yyyy)\]", f"[{truth.get('order', 'dd/mm/yyyy')}]", text)
-        if truth.get("unit") or "[UNIT]" not in found.group(1) or "--rate" not in message:
-            return ["--map", text]
+        return ["--map", text]
     found = re.search(r"--(rate|runs-by|below-limit|replicates|missing)(?: (\"[^\"]*\"|[^\s,;)]+))?", message)
     if not found:
         return None

@@ -36,6 +36,10 @@ impl Heading {
         }
         let split = opening(title).map(|at| (title[..at].trim_end(), title[at + 1..title.len() - 1].trim()));
         match split {
+            // serial numbers and the like are no units
+            Some((name, remark)) if !name.is_empty() && remark.contains(':') && !is_format(remark) => {
+                Self { title: title.into(), ..Self::new(name) }
+            }
             Some((name, unit)) if !name.is_empty() && !is_element(title, name, unit) => {
                 let own = Self { title: title.into(), name: name.into(), ..Self::default() };
                 own.with_unit(unit)
@@ -278,6 +282,7 @@ mod tests {
         assert_eq!(heading("a) b]"), pair("a) b]", None));
         assert_eq!(heading("Temp, °F (LGR S/N: 9, LBL: a)"), pair("Temp", Some("°F")));
         assert_eq!(heading("Date Time, GMT-05:00"), pair("Date Time", None));
+        assert_eq!(heading("y [deg] (LGR S/N: 9)"), pair("y", Some("deg")));
         assert_eq!(heading("y, z [deg]"), pair("y, z", Some("deg")));
     }
 

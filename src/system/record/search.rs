@@ -175,7 +175,7 @@ impl Search<'_> {
                 // advice that is followed must not be wrong by a thousand
                 let unit = if times::unit_of(table, k).unit.is_some() { "" } else { " [UNIT]" };
                 let which = if unit.is_empty() { "" } else { ", with s, ms, us, .. for UNIT" };
-                format!("if `{title}` holds the time, say --map \"t={title}{unit}\"{which}; --rate N where the rows are at an even rate")
+                format!("if `{title}` holds the time, say --map \"t={title}{unit}\"{which}")
             }
             (None, Some(column)) => {
                 format!("`{}` counts rows: say --rate N, in samples per second", excerpt(&column.heading.title))

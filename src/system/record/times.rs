@@ -170,6 +170,13 @@ pub(crate) fn rated(
         Some(column) => Some(column),
         None => found(table, may_be)?,
     };
+    // a name of a time, whose unit nothing tells
+    let open = |(rank, k): &(usize, usize)| *rank >= 3 && may_be(&table.columns[*k].heading) && !counts(&table.columns[*k]);
+    if let (Some(_), None, Some((_, column))) = (rate, there, called_times(table).into_iter().find(open)) {
+        let title = table.columns[column].heading.title.clone();
+        let hint = format!("say its unit: --map \"t={title} [UNIT]\"");
+        return Err(Fault::RateBesideTime(title).anywhere().hint(hint));
+    }
     let counter = there.into_iter().chain(0..table.columns.len()).find(|k| counts(&table.columns[*k]));
     let told = there.filter(|k| Some(*k) != counter);
     let (rate, given) = match (rate, told) {
