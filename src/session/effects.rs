@@ -267,7 +267,8 @@ impl Extend {
     pub fn applied(&self, at: Subject) -> Result<Subject, Failure> {
         let positive = |v: f64| v > 0.0 && v.is_finite();
         let seen = self.data.as_deref().map(|path| times(path, &at)).transpose()?;
-        let seen = seen.map_or(Sampling { step: 0.01, duration: 10.0 }, |time| Sampling::of_times([&time[..]].into_iter()));
+        let seen =
+            seen.map_or(Sampling { step: 0.01, duration: 10.0 }, |time| Sampling::of_times([&time[..]].into_iter()));
         let (step, duration) = (self.step.unwrap_or(seen.step), self.duration.unwrap_or(seen.duration));
         if !positive(step) || !positive(duration) {
             return Err(Failure::input(["`--step` and `--duration` must be above zero"]));
@@ -281,7 +282,10 @@ fn times(path: &Path, at: &Subject) -> Result<Vec<f64>, Failure> {
     let (log, _) = open_log(path, false).map_err(|e| Failure::Records(vec![e]))?;
     let longest = log.topics.iter().filter_map(Topic::seconds).max_by_key(Vec::len);
     let Some(seconds) = longest else {
-        return Err(Failure::input([format!("{}: no column holds the time; say --step and --duration", path.display())]));
+        return Err(Failure::input([format!(
+            "{}: no column holds the time; say --step and --duration",
+            path.display()
+        )]));
     };
     let compiled = fdm_grammar::compile(at.source()).map_err(|f| invalid(at.source(), f))?;
     let unit = compiled.model.time.factor;

@@ -42,9 +42,48 @@ const INPUTS: usize = 4;
 
 /// Parts of names that commands, controls and conditions have.
 const DRIVING: [&str; 42] = [
-    "u", "in", "input", "cmd", "command", "commanded", "ref", "reference", "set", "setpoint", "sp", "target", "desired", "demand", "stick", "pedal", "lever",
-    "elevator", "elev", "aileron", "ail", "rudder", "rud", "throttle", "thr", "flap", "steer", "steering", "volt", "voltage", "pwm", "duty", "heater",
-    "power", "valve", "torque", "actuator", "control", "drive", "ambient", "de", "da",
+    "u",
+    "in",
+    "input",
+    "cmd",
+    "command",
+    "commanded",
+    "ref",
+    "reference",
+    "set",
+    "setpoint",
+    "sp",
+    "target",
+    "desired",
+    "demand",
+    "stick",
+    "pedal",
+    "lever",
+    "elevator",
+    "elev",
+    "aileron",
+    "ail",
+    "rudder",
+    "rud",
+    "throttle",
+    "thr",
+    "flap",
+    "steer",
+    "steering",
+    "volt",
+    "voltage",
+    "pwm",
+    "duty",
+    "heater",
+    "power",
+    "valve",
+    "torque",
+    "actuator",
+    "control",
+    "drive",
+    "ambient",
+    "de",
+    "da",
 ];
 
 /// Looks at the largest table of a file.
@@ -56,7 +95,9 @@ pub fn looked_at(path: &Path) -> Result<Looked, Failure> {
     let refused = |what: &str| Failure::input([format!("{}: {what}", path.display())]);
     let timed = log.topics.iter().filter(|t| t.time.is_some() && t.rows() > 2);
     let Some(topic) = timed.max_by_key(|t| t.rows() * t.fields.len()) else {
-        return Err(refused("no column holds the time: write `t [s]` above it, or give the record to `fdm fit` with --rate"));
+        return Err(refused(
+            "no column holds the time: write `t [s]` above it, or give the record to `fdm fit` with --rate",
+        ));
     };
     let Some(time) = topic.seconds() else {
         return Err(refused("the unit of the time is not known: write it behind its name, as in `t [s]`"));
@@ -135,7 +176,9 @@ impl Looked {
         let unit = |text: String| if units && !text.is_empty() { format!(" [{text}]") } else { String::new() };
         let own = |c: &Column| c.unit.clone().unwrap_or_default();
         let mut lines = vec![
-            format!("// A first model of {from}: each output follows the inputs with a lag. Change it to your equations."),
+            format!(
+                "// A first model of {from}: each output follows the inputs with a lag. Change it to your equations."
+            ),
             format!("model {name} {{"),
         ];
         for input in &self.inputs {
@@ -188,7 +231,11 @@ impl Looked {
                 row.iter().enumerate().for_each(|(j, b)| normal[i * width + j] += a * b);
             }
         }
-        let plain = || Start { lag: 20.0 * interval, gains: vec![1.0; m], offset: output.values.iter().copied().find(|v| v.is_finite()).unwrap_or(0.0) };
+        let plain = || Start {
+            lag: 20.0 * interval,
+            gains: vec![1.0; m],
+            offset: output.values.iter().copied().find(|v| v.is_finite()).unwrap_or(0.0),
+        };
         let Some(factor) = Cholesky::new(normal, width) else { return plain() };
         factor.solve(&mut right);
         let kept = right[0];
@@ -228,7 +275,8 @@ fn drives(name: &str) -> bool {
 fn identifier(title: &str, taken: &[String]) -> String {
     let plain: String = title.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
     let plain = plain.trim_matches('_');
-    let begun = if plain.starts_with(|c: char| c.is_ascii_alphabetic()) { plain.to_string() } else { format!("c{plain}") };
+    let begun =
+        if plain.starts_with(|c: char| c.is_ascii_alphabetic()) { plain.to_string() } else { format!("c{plain}") };
     let is_name = |name: &str| {
         let text = format!("model m {{ input {name}; output out_{name} = {name}; }}");
         !taken.iter().any(|t| t == name) && Model::from_text("m.fdm", text).is_ok()

@@ -452,11 +452,7 @@ pub(crate) type ReadRun = ((Run, Summary), RecordFile);
 
 /// Reads runs, of a file with several all; the problems of all files are reported together. Runs are named after their files. Outputs that are measured `elsewhere`
 /// (q, or nothing) may be missing in all of them.
-pub(crate) fn read_records(
-    files: &[RecordFile],
-    model: &Model,
-    elsewhere: &[bool],
-) -> Result<Vec<ReadRun>, Failure> {
+pub(crate) fn read_records(files: &[RecordFile], model: &Model, elsewhere: &[bool]) -> Result<Vec<ReadRun>, Failure> {
     let channels = channels(model.definition());
     let each: Vec<(&Path, &ReadOptions)> = files.iter().map(|f| (f.path.as_path(), &f.options)).collect();
     let read = read_each(&each, &channels, elsewhere).map_err(Failure::Records)?;

@@ -188,10 +188,11 @@ ANSWERS = {"--rate": "50", "--runs-by": None, "--below-limit": None, "--replicat
 
 def advised(message, truth):
     """The one option that a message names, with what a person knows: the unit of the clock, the rate, the order of dates."""
+    message = " ".join(message.split())
     option = truth.get("option")
     if option and f"--{option}" in message:
         return [f"--{option}", str(RATE)]
-    found = re.search(r'(--map "t=[^"]*")', message)
+    found = re.search(r'(--map "t=(?!COLUMN)[^"]*")', message)
     if found:
         text = found.group(1)[7:-1]
         unit = truth.get("unit", "s")

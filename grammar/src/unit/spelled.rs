@@ -159,7 +159,8 @@ fn respelled(text: &str) -> Option<String> {
     let (mut out, mut rest) = (String::new(), text.as_str());
     while let Some(first) = rest.chars().next() {
         let is_letter = |c: char| c.is_alphabetic() || matches!(c, '%' | '°' | '_');
-        let length = if is_letter(first) { rest.find(|c| !is_letter(c)).unwrap_or(rest.len()) } else { first.len_utf8() };
+        let length =
+            if is_letter(first) { rest.find(|c| !is_letter(c)).unwrap_or(rest.len()) } else { first.len_utf8() };
         let (part, behind) = rest.split_at(length);
         // digits at once behind a symbol belong to it: g0
         let known = !is_letter(first) || symbols::find(part).is_some() || Unit::parse(part).is_ok();

@@ -2,8 +2,8 @@
 //!
 //! Only what a writer asked for is protected by checksums (`fletcher32`, packed chunks); other numbers are as they stand.
 
-use crate::log::{Damage, Field, Log, ReadError, Reader, by_length, of_matrix};
 use crate::bytes::Number;
+use crate::log::{Damage, Field, Log, ReadError, Reader, by_length, of_matrix};
 use crate::members::{Kind, Member, append_record, empty_columns};
 use hdf5_pure::{AttrValue, CompoundMember, DType, Dataset, Datatype, DatatypeByteOrder, File, Group};
 
@@ -195,8 +195,12 @@ fn kind_of(datatype: &Datatype) -> Option<(Kind, usize)> {
     };
     let big = |order: &DatatypeByteOrder| matches!(order, DatatypeByteOrder::BigEndian);
     Some(match datatype {
-        Datatype::FixedPoint { size, byte_order, layout } => (Kind::Number(number(*size, false, layout.signed)?, big(byte_order)), 1),
-        Datatype::FloatingPoint { size, byte_order, .. } => (Kind::Number(number(*size, true, true)?, big(byte_order)), 1),
+        Datatype::FixedPoint { size, byte_order, layout } => {
+            (Kind::Number(number(*size, false, layout.signed)?, big(byte_order)), 1)
+        }
+        Datatype::FloatingPoint { size, byte_order, .. } => {
+            (Kind::Number(number(*size, true, true)?, big(byte_order)), 1)
+        }
         Datatype::Enumeration { base_type, .. } => kind_of(base_type)?,
         Datatype::String { size, .. } => (Kind::Text(*size as usize, 1), 1),
         Datatype::Array { base_type, dimensions } => {

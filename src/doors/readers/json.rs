@@ -1,8 +1,8 @@
 //! JSON: an array of objects is a table of rows, an object of arrays one of columns; lines with an object each are an array. Tables may stand inside
 //! objects; the names on the way to a value are joined by points.
 
-use crate::log::{Field, Log, ReadError, Reader, Sheet};
 use crate::log::by_length;
+use crate::log::{Field, Log, ReadError, Reader, Sheet};
 use serde_json::{Map, Value};
 
 /// The reader.
@@ -16,7 +16,8 @@ const WIDEST: usize = 10_000;
 impl Reader for Json {
     fn read(&self, bytes: &[u8]) -> Result<Log, ReadError> {
         let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
-        let broken = |e: &serde_json::Error| ReadError::Broken { format: "JSON", what: e.to_string(), at: bytes.len() as u64 };
+        let broken =
+            |e: &serde_json::Error| ReadError::Broken { format: "JSON", what: e.to_string(), at: bytes.len() as u64 };
         let mut values = Vec::new();
         for value in serde_json::Deserializer::from_slice(bytes).into_iter::<Value>() {
             values.push(value.map_err(|e| broken(&e))?);
@@ -62,7 +63,9 @@ impl Found {
             Value::Array(items) if items.iter().all(|i| cell(i).is_some()) => self.column(path, items),
             // rows of a matrix, the first of them perhaps its names
             Value::Array(items) if items.iter().all(Value::is_array) => self.matrix(path, items),
-            Value::Object(map) => map.iter().for_each(|(name, inner)| self.value(&joined(path, name), inner, depth + 1)),
+            Value::Object(map) => {
+                map.iter().for_each(|(name, inner)| self.value(&joined(path, name), inner, depth + 1))
+            }
             Value::Array(_) => self.remarks.push(format!("`{path}` holds other than numbers, objects or rows of them")),
             _ => {}
         }
@@ -145,7 +148,9 @@ pub(crate) fn begins(bytes: &[u8]) -> bool {
         (Some(b'{'), Some(b'"')) => true,
         (Some(b'['), Some(b'{' | b'[')) => true,
         // a line of a text ends with the bracket of a name or a unit; an array has commas within
-        (Some(b'['), Some(b'0'..=b'9' | b'-' | b'"')) => bytes.iter().take_while(|b| **b != b']').filter(|b| **b == b',').count() > 1,
+        (Some(b'['), Some(b'0'..=b'9' | b'-' | b'"')) => {
+            bytes.iter().take_while(|b| **b != b']').filter(|b| **b == b',').count() > 1
+        }
         _ => false,
     }
 }

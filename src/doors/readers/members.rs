@@ -55,7 +55,9 @@ pub(crate) fn append_record(record: &[u8], members: &[Member], columns: &mut [Fi
             let at = member.at + k * member.size();
             let bytes = record.get(at..at + member.size()).unwrap_or_default();
             match member.kind {
-                Kind::Number(number, big_endian) => column.values.push(number.read(bytes, big_endian).unwrap_or(f64::NAN)),
+                Kind::Number(number, big_endian) => {
+                    column.values.push(number.read(bytes, big_endian).unwrap_or(f64::NAN))
+                }
                 Kind::Text(_, 1) => {
                     let text = String::from_utf8_lossy(bytes);
                     column.texts.push(text.trim_end_matches('\0').trim_end().to_string());

@@ -4,8 +4,8 @@
 //! Source: <https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html>.
 
 use crate::bytes::Number;
-use crate::members::{Kind, Member, append_record, empty_columns};
 use crate::log::{Damage, Field, Log, ReadError, Reader, Source, by_length, of_matrix};
+use crate::members::{Kind, Member, append_record, empty_columns};
 use crate::zip::directory;
 use std::io::{self, Cursor, Read, SeekFrom};
 
@@ -120,7 +120,8 @@ fn array(
             return Ok(Vec::new());
         };
         let left = size.saturating_sub(u64::from(length) + before);
-        return records(reader, count.ok_or_else(bad)?, &members, left).map_err(|what| format!("{what} (shape {shape})"));
+        return records(reader, count.ok_or_else(bad)?, &members, left)
+            .map_err(|what| format!("{what} (shape {shape})"));
     }
     let Some((descr, _)) = descr else { return Err(bad()) };
     let Some((number, big_endian)) = number_of(descr) else {

@@ -26,7 +26,8 @@ impl Reading {
     pub(crate) fn of_format(format: &str) -> (Option<bool>, bool) {
         let lower = format.to_lowercase();
         let place = |what: &str| lower.find(what);
-        let months = lower.match_indices("mm").find(|(k, _)| !lower[..*k].ends_with(':') && !lower[k + 2..].starts_with(':'));
+        let months =
+            lower.match_indices("mm").find(|(k, _)| !lower[..*k].ends_with(':') && !lower[k + 2..].starts_with(':'));
         let day_first = match (place("dd"), months.map(|(k, _)| k)) {
             (Some(day), Some(month)) => Some(day < month),
             _ => None,
@@ -103,7 +104,8 @@ pub(crate) fn axis(cells: &[Option<&str>], format: Option<&str>) -> Axis {
     let two = |c: &str| c.trim().matches(':').count() == 1 && !c.contains(['-', '/', ' ']);
     let alone = kind == Stamps::Clock && format.is_none();
     if let Some(cell) = cells.iter().flatten().next().filter(|c| alone && two(c)) {
-        question = Some(if cell.contains(['.', ',']) { Question::MinutesAndSeconds } else { Question::HoursAndMinutes });
+        question =
+            Some(if cell.contains(['.', ',']) { Question::MinutesAndSeconds } else { Question::HoursAndMinutes });
     }
     Axis { seconds: seconds(&stamps), stamps: kind, question }
 }
@@ -140,6 +142,9 @@ pub(crate) fn stamp(cell: &str, reading: Reading) -> Option<Stamp> {
     let text = cell.trim().trim_matches('"').trim();
     if !text.is_ascii() || text.len() > 40 || !text.contains([':', '-', '/', '.', ' ']) {
         return None;
+    }
+    if let Some((days, clock)) = text.split_once(" days ") {
+        return Some(Stamp { day: Some(whole(days, 1..=6)?), clock: Some(clock_with_zone(clock, reading, false)?) });
     }
     let words: Vec<&str> = text.split([' ', 'T', 't', ',']).filter(|w| !w.is_empty()).collect();
     if let Some(stamp) = date_of(text, reading).filter(|_| text.len() >= 8) {
@@ -250,7 +255,9 @@ fn clock(text: &str, reading: Reading) -> Option<f64> {
     let parts: Vec<&str> = text.split(':').collect();
     let (hours, minutes, seconds) = match parts[..] {
         [hours, minutes, seconds] => (whole(hours, 1..=4)?, whole(minutes, 1..=2)?, seconds),
-        [hours, minutes] if !reading.minutes && !minutes.contains(['.', ',']) => (whole(hours, 1..=2)?, whole(minutes, 2..=2)?, "00"),
+        [hours, minutes] if !reading.minutes && !minutes.contains(['.', ',']) => {
+            (whole(hours, 1..=2)?, whole(minutes, 2..=2)?, "00")
+        }
         [minutes, seconds] => return Some(whole(minutes, 1..=4)? as f64 * 60.0 + parts_of_minute(seconds)?),
         _ => return None,
     };
@@ -302,19 +309,37 @@ mod tests {
             assert_eq!(read(text), Some((Some(day), Some(seconds))), "{text}");
         }
         assert_eq!(read("2026-05-01"), Some((Some(day), None)));
-        for (text, seconds) in [("23:59:59.5", 86_399.5), ("08:15", 29_700.0), ("1:02.5", 62.5), ("30:00:01", 108_001.0)] {
+        assert_eq!(read("3 days 00:00:01.5"), Some((Some(3), Some(1.5))));
+        for (text, seconds) in
+            [("23:59:59.5", 86_399.5), ("08:15", 29_700.0), ("1:02.5", 62.5), ("30:00:01", 108_001.0)]
+        {
             assert_eq!(read(text), Some((None, Some(seconds))), "{text}");
         }
         assert_eq!(days(1970, 1, 1), 0);
         assert_eq!(days(2000, 2, 29) + 1, days(2000, 3, 1));
-        for text in ["1.5", "1.2.3", "2026-13-01", "2026-02-29", "12:60:00", "a:b:c", "", "-", "-08:00", "3D", "1 2 3", "10-11", "1e-3"] {
+        for text in [
+            "1.5",
+            "1.2.3",
+            "2026-13-01",
+            "2026-02-29",
+            "12:60:00",
+            "a:b:c",
+            "",
+            "-",
+            "-08:00",
+            "3D",
+            "1 2 3",
+            "10-11",
+            "1e-3",
+        ] {
             assert_eq!(read(text), None, "{text}");
         }
     }
 
     #[test]
     fn clock_times_go_over_midnight_and_dates_of_two_readings_ask() {
-        let of = |cells: &[&str], format: Option<&str>| axis(&cells.iter().map(|c| Some(*c)).collect::<Vec<_>>(), format);
+        let of =
+            |cells: &[&str], format: Option<&str>| axis(&cells.iter().map(|c| Some(*c)).collect::<Vec<_>>(), format);
         assert_eq!(of(&["23:59:59", "00:00:01", "00:00:03"], None).seconds, [86_399.0, 86_401.0, 86_403.0]);
         assert_eq!(of(&["2026-05-01 23:00:00", "2026-05-02 01:00:00"], None).seconds, [82_800.0, 90_000.0]);
         assert_eq!(of(&["03/04/2026 00:00", "04/04/2026 00:00"], None).question, Some(Question::Order));

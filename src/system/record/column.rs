@@ -94,7 +94,8 @@ impl Column {
         });
         let moved = |row: usize| rows.iter().position(|k| *k == row);
         let marks = self.marks.clone().map(|mark| mark.and_then(|(row, cell)| Some((moved(row)?, cell))));
-        let sampled = if self.sampled.is_empty() { Vec::new() } else { rows.iter().map(|k| self.sampled[*k]).collect() };
+        let sampled =
+            if self.sampled.is_empty() { Vec::new() } else { rows.iter().map(|k| self.sampled[*k]).collect() };
         Self {
             heading: self.heading.clone(),
             values: rows.iter().map(pick).collect(),
@@ -122,6 +123,29 @@ impl Column {
         self.odd.iter().for_each(|(row, text)| cells[*row as usize] = Some(&self.texts[*text as usize]));
         let Axis { seconds, stamps, question } = clock::axis(&cells, self.heading.format.as_deref());
         (self.values, self.stamps, self.question) = (seconds, Some(stamps), question);
+    }
+
+    /// Makes numbers of cells that all have one unit behind their number: `0.02 sec`.
+    fn read_quantities(&mut self) {
+        let quantity = |text: &str| {
+            let (number, unit) = text.trim().split_once(' ')?;
+            let Cell::Number(value, _) = text::scan(number) else { return None };
+            fdm_grammar::Unit::spelled(unit).is_ok().then(|| (value, unit.trim().to_string()))
+        };
+        let mut read: Vec<(f64, String)> = Vec::with_capacity(self.texts.len());
+        for text in &self.texts {
+            match quantity(text) {
+                Some(found) if read.first().is_none_or(|(_, unit)| *unit == found.1) => read.push(found),
+                _ => return,
+            }
+        }
+        let Some((_, unit)) = read.first().filter(|_| !self.has_numbers() && self.heading.unit.is_none()) else {
+            return;
+        };
+        self.heading.unit = Some(unit.clone());
+        self.odd.iter().for_each(|(row, text)| self.values[*row as usize] = read[*text as usize].0);
+        self.odd.clear();
+        self.texts.clear();
     }
 
     /// Takes numbers that stand for nothing out of it; gives how many there were.
@@ -198,11 +222,12 @@ impl Builder {
     pub(crate) fn finish(mut self) -> Column {
         let column = &mut self.column;
         let first = column.odd.first().map(|(row, text)| (*row as usize, &column.texts[*text as usize]));
-        let clock = first.is_some_and(|(row, text)| {
-            column.values[..row].iter().all(|v| v.is_nan()) && clock::is_stamp(text)
-        });
+        let clock =
+            first.is_some_and(|(row, text)| column.values[..row].iter().all(|v| v.is_nan()) && clock::is_stamp(text));
         if clock {
             column.read_stamps();
+        } else {
+            column.read_quantities();
         }
         self.column
     }
@@ -222,6 +247,13 @@ mod tests {
         assert_eq!(column.marks[1], Some((6, "2,5".into())));
         let part = column.rows(&[5, 6]);
         assert_eq!((part.text(0), part.values[1], part.marks[1].clone()), (Some("abc"), 2.5, Some((1, "2,5".into()))));
+    }
+
+    #[test]
+    fn quantities_are_numbers_with_a_unit() {
+        let column = Column::of_cells(Heading::new("Time"), ["0 sec", "", "0.5 sec", "1 sec"]);
+        assert_eq!((column.values[2], column.heading.unit.as_deref(), column.texts().count()), (0.5, Some("sec"), 0));
+        assert_eq!(Column::of_cells(Heading::new("y"), ["1 m", "2 ft"]).texts().count(), 2);
     }
 
     #[test]

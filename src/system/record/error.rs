@@ -466,7 +466,9 @@ pub enum Fault {
     #[error("column `{0}` counts rows, and nothing says how many there are in a second")]
     Counter(String),
     /// A column for the time whose unit is open.
-    #[error("column `{column}` states no unit, and its steps are {step}: too long for seconds, as for a clock in parts of them")]
+    #[error(
+        "column `{column}` states no unit, and its steps are {step}: too long for seconds, as for a clock in parts of them"
+    )]
     DoubtfulUnit {
         /// Its title.
         column: String,

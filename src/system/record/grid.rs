@@ -134,7 +134,8 @@ impl<'a> Rows<'a> {
                 let blank = bytes[start..end].iter().take_while(|b| matches!(b, b'\n' | b'\r')).count();
                 let start = start + blank;
                 let (from, line) = self.counted;
-                let ends = (from..start).filter(|i| bytes[*i] == b'\n' || bytes[*i] == b'\r' && bytes.get(i + 1) != Some(&b'\n'));
+                let ends = (from..start)
+                    .filter(|i| bytes[*i] == b'\n' || bytes[*i] == b'\r' && bytes.get(i + 1) != Some(&b'\n'));
                 let line = line + ends.count();
                 self.counted = (start, line);
                 return Ok(Some(Row { line, start, end }));
@@ -182,4 +183,3 @@ fn closing(text: &str) -> Option<usize> {
     };
     text[1..].find(close).map(|at| at + 2)
 }
-

@@ -111,7 +111,8 @@ fn opening(title: &str) -> Option<usize> {
 /// Words that say how dates and clock times are written, and no unit: `hh:mm:ss`, `yyyy-mm-dd`, `UTC`.
 pub(crate) fn is_format(text: &str) -> bool {
     let lower = text.trim().to_lowercase();
-    let words = ["utc", "gmt", "local", "local time", "timestamp", "datetime", "date", "ts", "iso", "iso8601", "iso 8601"];
+    let words =
+        ["utc", "gmt", "local", "local time", "timestamp", "datetime", "date", "ts", "iso", "iso8601", "iso 8601"];
     let letters = || lower.chars().filter(|c| c.is_alphabetic());
     let pattern = lower.contains([':', '/', '-', '.', ' '])
         && letters().all(|c| matches!(c, 'h' | 'm' | 's' | 'y' | 'd' | 'f' | 'x' | 't' | 'z' | 'p' | 'a' | 'n' | 'o'))
@@ -120,7 +121,8 @@ pub(crate) fn is_format(text: &str) -> bool {
 }
 
 /// Words in a row of units that are none and say so: kinds of values.
-const KINDS: [&str; 12] = ["-", "--", "n/a", "bool", "boolean", "enum", "text", "string", "ident", "int", "float", "rn"];
+const KINDS: [&str; 12] =
+    ["-", "--", "n/a", "bool", "boolean", "enum", "text", "string", "ident", "int", "float", "rn"];
 
 /// What a row of units holds in a cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -205,13 +207,33 @@ const ENDINGS: [(&str, &str); 28] = [
 
 /// What columns of times are called.
 const TIMES: [&str; 21] = [
-    "time", "timestamp", "time_stamp", "times", "elapsed", "elapsed_time", "time_elapsed", "totaltime", "datetime", "date_time",
-    "timeofday", "gps_time", "gpstime", "utc_time", "utc", "zeit", "temps", "stamp", "lcl_time", "log_time", "clock",
+    "time",
+    "timestamp",
+    "time_stamp",
+    "times",
+    "elapsed",
+    "elapsed_time",
+    "time_elapsed",
+    "totaltime",
+    "datetime",
+    "date_time",
+    "timeofday",
+    "gps_time",
+    "gpstime",
+    "utc_time",
+    "utc",
+    "zeit",
+    "temps",
+    "stamp",
+    "lcl_time",
+    "log_time",
+    "clock",
 ];
 
 /// Whether a column of this name holds times, and in what unit.
 pub(crate) fn time_name(name: &str) -> Option<TimeName> {
-    let lower = name.trim().trim_start_matches(['%', '#', '_', '$', '.']).to_lowercase().replace([' ', '-', '.', '/'], "_");
+    let lower =
+        name.trim().trim_start_matches(['%', '#', '_', '$', '.']).to_lowercase().replace([' ', '-', '.', '/'], "_");
     let lower = lower.trim_end_matches('_');
     let rank = |base: &str| match base {
         "t" => Some(3),
@@ -249,9 +271,37 @@ pub(crate) fn time_name(name: &str) -> Option<TimeName> {
 pub(crate) fn counts_rows(name: &str) -> bool {
     let lower = name.trim().to_lowercase().replace(' ', "_");
     let names = [
-        "sample", "samples", "index", "idx", "frame", "frames", "count", "counter", "n", "no", "no.", "nr", "row", "scan", "record",
-        "rec", "point", "tick", "ticks", "loopiteration", "iteration", "step", "seq", "id", "sample_no", "sample_number", "sampleno",
-        "recnbr", "rn", "frame_number", "line",
+        "sample",
+        "samples",
+        "index",
+        "idx",
+        "frame",
+        "frames",
+        "count",
+        "counter",
+        "n",
+        "no",
+        "no.",
+        "nr",
+        "row",
+        "scan",
+        "record",
+        "rec",
+        "point",
+        "tick",
+        "ticks",
+        "loopiteration",
+        "iteration",
+        "step",
+        "seq",
+        "id",
+        "sample_no",
+        "sample_number",
+        "sampleno",
+        "recnbr",
+        "rn",
+        "frame_number",
+        "line",
     ];
     names.contains(&lower.as_str())
 }
@@ -301,7 +351,15 @@ mod tests {
     #[test]
     fn rows_of_units_are_told_from_rows_of_names() {
         let row = |text: &str| is_row_of_units(&text.split(',').map(String::from).collect::<Vec<_>>());
-        for text in ["s,V,°C", "[s],[rad/s],[1]", "TS,RN,Volts,Deg C", "yyy-mm-dd,hh:mm:ss,ident,kt", "h,mg/L", ",V,A", "s,-,deg"] {
+        for text in [
+            "s,V,°C",
+            "[s],[rad/s],[1]",
+            "TS,RN,Volts,Deg C",
+            "yyy-mm-dd,hh:mm:ss,ident,kt",
+            "h,mg/L",
+            ",V,A",
+            "s,-,deg",
+        ] {
             assert!(row(text), "{text}");
         }
         for text in ["t,V,A", "time,u,y", "t,x", "Lcl Date,Lcl Time,IAS", "Smp,Avg", "a,b", "T,V"] {

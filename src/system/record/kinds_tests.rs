@@ -54,9 +54,14 @@ fn one(bytes: &[u8], options: &ReadOptions) -> (Vec<f64>, Vec<f64>, Vec<f64>, St
 fn is_it(bytes: &[u8], options: &ReadOptions, part: &str) {
     let (time, inputs, outputs, said) = one(bytes, options);
     let text = String::from_utf8_lossy(bytes);
-    let near = |found: &[f64], expected: [f64; 3]| found.len() == 3 && found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6);
+    let near = |found: &[f64], expected: [f64; 3]| {
+        found.len() == 3 && found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6)
+    };
     assert!(near(&time, [0.0, 0.5, 1.0]), "{text}\n{time:?}\n{said}");
-    assert!(near(&inputs, [1.0, 1.0, 2.0]) && near(&outputs, [0.25, 0.5, 0.75]), "{text}\n{inputs:?} {outputs:?}\n{said}");
+    assert!(
+        near(&inputs, [1.0, 1.0, 2.0]) && near(&outputs, [0.25, 0.5, 0.75]),
+        "{text}\n{inputs:?} {outputs:?}\n{said}"
+    );
     assert!(said.contains(part), "{text}\n{said}");
 }
 
@@ -64,7 +69,10 @@ fn is_it(bytes: &[u8], options: &ReadOptions, part: &str) {
 fn headers_are_found_whatever_stands_above() {
     let plain = ReadOptions::default();
     for (text, part) in [
-        ("\"Product\",\"recorder\"\n\"gain\",\"45,80,40\"\nt,u,y\n0,1,0.25\n0.5,1,0.5\n1,2,0.75\n", "2 line(s) above the header"),
+        (
+            "\"Product\",\"recorder\"\n\"gain\",\"45,80,40\"\nt,u,y\n0,1,0.25\n0.5,1,0.5\n1,2,0.75\n",
+            "2 line(s) above the header",
+        ),
         ("Starting...\nok\nmillis\tu\ty\n1500\t1\t0.25\n2000\t1\t0.5\n2500\t2\t0.75\n", "in ms, as its name says"),
         ("# by hand\n# t u y\n0 1 0.25\n0.5 1 0.5\n1 2 0.75\n", "line 2 holds the names"),
         ("%t,frame,u,y\n0,base,1,0.25\n0.5,base,1,0.5\n1,base,2,0.75\n", "line 1 holds the names"),
@@ -73,15 +81,20 @@ fn headers_are_found_whatever_stands_above() {
         ("t,u,y\nms,mV,-\n0,1000,0.25\n500,1000,0.5\n1000,2000,0.75\n", "line 2 holds the units"),
         ("#ms, mV, 1\nt, u, y\n0,1000,0.25\n500,1000,0.5\n1000,2000,0.75\n", "line 1 holds the units"),
         ("t,u,y\n0,1,0.25\n0.5,1,0.5\n1,2,0.75\nEnd of data\n", "below the rows"),
-        ("\"TOA5\",\"st\",\"1\"\n\"TIMESTAMP\",\"u\",\"y\"\n\"TS\",\"V\",\"\"\n\"\",\"Smp\",\"Smp\"\n\
-          \"2026-01-01 23:59:59.5\",1,0.25\n\"2026-01-02 00:00:00\",1,0.5\n\"2026-01-02 00:00:00.5\",2,0.75\n", "line 3 holds the units"),
+        (
+            "\"TOA5\",\"st\",\"1\"\n\"TIMESTAMP\",\"u\",\"y\"\n\"TS\",\"V\",\"\"\n\"\",\"Smp\",\"Smp\"\n\
+          \"2026-01-01 23:59:59.5\",1,0.25\n\"2026-01-02 00:00:00\",1,0.5\n\"2026-01-02 00:00:00.5\",2,0.75\n",
+            "line 3 holds the units",
+        ),
     ] {
         is_it(text.as_bytes(), &plain, part);
     }
     is_it(b"t,u,y,T (\xb0C)\n0,1,0.25,20\n0.5,1,0.5,20\n1,2,0.75,20\n", &plain, "Latin-1");
-    let wide: Vec<u8> = "t\tu\ty\r\n0\t1\t0,25\r\n0,5\t1\t0,5\r\n1\t2\t0,75\r\n".encode_utf16().flat_map(u16::to_le_bytes).collect();
+    let wide: Vec<u8> =
+        "t\tu\ty\r\n0\t1\t0,25\r\n0,5\t1\t0,5\r\n1\t2\t0,75\r\n".encode_utf16().flat_map(u16::to_le_bytes).collect();
     is_it(&[&[0xff, 0xfe][..], &wide].concat(), &plain, "UTF-16");
-    let second = "Indicated (V),Angle (-),When (hh:mm:ss)\nu,y,Clock\n1,0.25,08:00:01\n1,0.5,08:00:01.5\n2,0.75,08:00:02\n";
+    let second =
+        "Indicated (V),Angle (-),When (hh:mm:ss)\nu,y,Clock\n1,0.25,08:00:01\n1,0.5,08:00:01.5\n2,0.75,08:00:02\n";
     is_it(second.as_bytes(), &plain, "second names");
 }
 
@@ -91,6 +104,11 @@ fn other_layouts_of_tables_are_one_understanding() {
     for (text, part) in [
         ("Timestamp [s],u,y,state\n0,1,,\n0,,0.25,\n0.5,1,,\n0.5,,0.5,\n1,2,,\n1,,0.75,\n", "they are one sample"),
         ("time,name,value\n0,u,1\n0,y,0.25\n0.5,u,1\n0.5,y,0.5\n1,u,2\n1,y,0.75\n", "each row holds one value"),
+        ("SECONDS;PID;VALUE\n0;u;1\n0;y;0.25\n0.5;u;1\n0.5;y;0.5\n1;u;2\n1;y;0.75\n", "each row holds one value"),
+        (
+            "#group,false\n,result,_start,_time [s],_value,_field\n,,9,0,1,u\n,,9,0.5,1,u\n,,9,1,2,u\n,,9,0,0.25,y\n,,9,0.5,0.5,y\n,,9,1,0.75,y\n",
+            "each row holds one value",
+        ),
         ("[{\"t\":0,\"u\":1,\"y\":0.25},{\"t\":0.5,\"u\":1,\"y\":0.5},{\"t\":1,\"u\":2,\"y\":0.75}]", ""),
         ("{\"t\":[0,0.5,1],\"u\":[1,1,2],\"y\":[0.25,0.5,0.75]}", ""),
         ("{\"t\":0,\"u\":1,\"y\":0.25}\n{\"t\":0.5,\"u\":1,\"y\":0.5}\n{\"t\":1,\"u\":2,\"y\":0.75}\n", ""),
@@ -103,7 +121,10 @@ fn other_layouts_of_tables_are_one_understanding() {
     };
     let lying = row("t", &|k| 0.5 * f64::from(k)) + &row("u", &|k| f64::from(k % 3)) + &row("y", &|k| f64::from(k * k));
     let (time, inputs, outputs, said) = one(lying.as_bytes(), &plain);
-    assert!(time[39] == 19.5 && inputs[4] == 1.0 && outputs[5] == 25.0 && said.contains("each of the 3 rows is a signal"), "{said}");
+    assert!(
+        time[39] == 19.5 && inputs[4] == 1.0 && outputs[5] == 25.0 && said.contains("each of the 3 rows is a signal"),
+        "{said}"
+    );
 }
 
 #[test]
@@ -112,9 +133,21 @@ fn times_are_read_in_the_unit_that_the_file_tells() {
     for (text, part) in [
         ("time_us,u,y\n0,1,0.25\n500000,1,0.5\n1000000,2,0.75\n", "in us, as its name says"),
         ("time,u,y\n1790000000000,1,0.25\n1790000000500,1,0.5\n1790000001000,2,0.75\n", "counts ms since 1970"),
-        ("time,u,y\n1790000000000000000,1,0.25\n1790000000500000000,1,0.5\n1790000001000000000,2,0.75\n", "counts ns since 1970"),
-        ("date,clock,u,y\n2026-03-04,23:59:59,1,0.25\n2026-03-04,23:59:59.5,1,0.5\n2026-03-05,00:00:00,2,0.75\n", "dates or clock times"),
-        ("when,u,y\n03/13/2026 1:00:00 PM,1,0.25\n03/13/2026 1:00:00.5 PM,1,0.5\n03/13/2026 1:00:01 PM,2,0.75\n", "dates or clock times"),
+        (
+            "time,u,y\n1790000000000000000,1,0.25\n1790000000500000000,1,0.5\n1790000001000000000,2,0.75\n",
+            "counts ns since 1970",
+        ),
+        ("Time,u,y\n0 sec,1,0.25\n0.5 sec,1,0.5\n1 sec,2,0.75\n", ""),
+        (",u,y\n0 days 00:00:59.5,1,0.25\n0 days 00:01:00,1,0.5\n0 days 00:01:00.5,2,0.75\n", "dates or clock times"),
+        ("x-axis,u,y\nsecond,Volt,-\n-0.5,1,0.25\n0,1,0.5\n0.5,2,0.75\n", "line 2 holds the units"),
+        (
+            "date,clock,u,y\n2026-03-04,23:59:59,1,0.25\n2026-03-04,23:59:59.5,1,0.5\n2026-03-05,00:00:00,2,0.75\n",
+            "dates or clock times",
+        ),
+        (
+            "when,u,y\n03/13/2026 1:00:00 PM,1,0.25\n03/13/2026 1:00:00.5 PM,1,0.5\n03/13/2026 1:00:01 PM,2,0.75\n",
+            "dates or clock times",
+        ),
         ("\"Sample Rate\",2,Hz\nu,y\n1,0.25\n1,0.5\n2,0.75\n", "2 samples a second, as the file says"),
     ] {
         is_it(text.as_bytes(), &plain, part);
@@ -122,7 +155,11 @@ fn times_are_read_in_the_unit_that_the_file_tells() {
     let rated = ReadOptions { rate: Some(2.0), ..plain.clone() };
     is_it(b"u,y\n1,0.25\n1,0.5\n2,0.75\n", &rated, "2 samples a second (--rate)");
     is_it(b"sample,u,y\n7,1,0.25\n8,1,0.5\n9,2,0.75\n", &rated, "column `sample` counts the samples");
-    is_it(b"Time,u,y\n13/03/2026 01:00:00,1,0.25\n13/03/2026 01:00:00.5,1,0.5\n13/03/2026 01:00:01,2,0.75\n", &plain, "");
+    is_it(
+        b"Time,u,y\n13/03/2026 01:00:00,1,0.25\n13/03/2026 01:00:00.5,1,0.5\n13/03/2026 01:00:01,2,0.75\n",
+        &plain,
+        "",
+    );
     let refused = |text: &str, options: &ReadOptions| all(text.as_bytes(), &wanted(), options).unwrap_err();
     for (text, advice) in [
         ("u,y\n1,1\n1,2\n", "--rate N"),
@@ -176,7 +213,8 @@ fn laboratories_repeat_limit_and_code() {
 fn units_are_read_as_they_are_spelled() {
     let read = |title: &str, unit: &str| {
         let channels = Channels { outputs: vec![Channel::new("y", Some(Unit::parse(unit).unwrap()))], ..alone() };
-        let (run, summary) = all(format!("t,y [{title}]\n0,1\n1,2\n").as_bytes(), &channels, &ReadOptions::default()).unwrap().remove(0);
+        let (run, summary) =
+            all(format!("t,y [{title}]\n0,1\n1,2\n").as_bytes(), &channels, &ReadOptions::default()).unwrap().remove(0);
         let said: Vec<String> = summary.notes.iter().map(ToString::to_string).collect();
         (run.measured[0], said.join("; "))
     };

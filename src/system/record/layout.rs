@@ -52,8 +52,7 @@ struct Line {
 
 impl Line {
     fn new(number: usize, cells: Vec<String>, comment: bool) -> Self {
-        let mut line =
-            Self { number, cells, comment, numbers: 0, texts: 0, begins_with_number: false, units: false };
+        let mut line = Self { number, cells, comment, numbers: 0, texts: 0, begins_with_number: false, units: false };
         let mut first = true;
         for cell in &line.cells {
             let is_number = match text::scan(cell) {
@@ -135,10 +134,11 @@ pub(crate) fn find(text: &str, comments: &[(usize, String)], only: Option<Delimi
     let mut readings: Vec<Reading> = occurring.map(|d| Reading::of(beginning, comments, d)).collect();
     let score = |r: &Reading| {
         let (numbers, rows, width) = r.run.as_ref().map_or((0, 0, 0), |run| (run.numbers, run.rows, run.width));
-        (width > 1, !r.header.names.is_empty(), numbers, rows, width)
+        // blanks stand beside other separators too
+        (width > 1, !r.header.names.is_empty(), r.delimiter != Delimiter::Spaces, numbers, rows, width)
     };
     let best = readings.iter().map(score).max().unwrap_or_default();
-    let by_rows = readings.iter().position(|r| score(r) == best).filter(|_| best.2 > 0);
+    let by_rows = readings.iter().position(|r| score(r) == best).filter(|_| best.3 > 0);
     // nothing looks like rows: the first line decides, words with spaces between them last
     let widths = |r: &Reading| r.lines.iter().find(|l| !l.comment).map_or(0, Line::trimmed);
     let split = |r: &Reading| r.lines.iter().filter(|l| !l.comment).nth(1).is_none_or(|l| l.cells.len() > 1);
@@ -177,7 +177,8 @@ fn text_of(record: &ByteRecord) -> Vec<String> {
 
 impl Reading {
     fn of(beginning: &str, comments: &[(usize, String)], delimiter: Delimiter) -> Self {
-        let text = if delimiter == Delimiter::Spaces { Cow::Owned(collapse(beginning)) } else { Cow::Borrowed(beginning) };
+        let text =
+            if delimiter == Delimiter::Spaces { Cow::Owned(collapse(beginning)) } else { Cow::Borrowed(beginning) };
         let (mut lines, mut record) = (Vec::new(), ByteRecord::new());
         let mut rows = Rows::new(&text, 0, delimiter);
         while let Ok(Some(row)) = rows.read(&mut record) {
@@ -214,7 +215,9 @@ impl Reading {
         let unused = |k: &usize| !used(k) && !lines[*k].comment;
         for k in (0..run.start).filter(unused).filter(below) {
             let line = lines[k].number;
-            notes.push(Note::Layout(format!("line {line}, below the names, holds neither units nor numbers and is left out")));
+            notes.push(Note::Layout(format!(
+                "line {line}, below the names, holds neither units nor numbers and is left out"
+            )));
         }
         let left = (0..run.start).filter(unused).filter(|k| !below(k)).count();
         if left > 0 {
@@ -239,7 +242,8 @@ impl Reading {
             notes.push(Note::Layout(format!("line {} holds second names of the columns", lines[*k].number)));
         }
         if let Some(k) = header.names.iter().find(|k| lines[**k].comment) {
-            notes.push(Note::Layout(format!("the comment in line {} holds the names of the columns", lines[*k].number)));
+            notes
+                .push(Note::Layout(format!("the comment in line {} holds the names of the columns", lines[*k].number)));
         }
         let header_line = header.names.last().map_or(first_line, |k| lines[*k].number);
         while headings.last().is_some_and(|h| h.title.is_empty()) {
@@ -304,11 +308,15 @@ fn first_long_run(lines: &[Line]) -> Option<Run> {
 fn header(lines: &[Line], run: &Run) -> Header {
     let rows = || lines[run.start..].iter().filter(|l| l.is_row() && l.cells.len() == run.width);
     let width = rows().map(Line::trimmed).max().unwrap_or(run.width);
-    let fits = |l: &Line| l.is_words() && l.cells.len() >= width && l.trimmed() <= run.width.max(width) && (l.trimmed() > 1 || width == 1);
+    let fits = |l: &Line| {
+        l.is_words() && l.cells.len() >= width && l.trimmed() <= run.width.max(width) && (l.trimmed() > 1 || width == 1)
+    };
     let (mut block, mut between) = (Vec::new(), 0);
     for k in (0..run.start).rev() {
         let line = &lines[k];
-        if fits(line) {
+        // names of channels may be numbers where units stand below them
+        let above_units = || block.last().is_some_and(|k: &usize| lines[*k].units) && line.cells.len() >= width;
+        if fits(line) || line.texts > 0 && !line.begins_with_number && !line.comment && above_units() {
             block.push(k);
             if block.len() == ROWS_OF_HEADER {
                 break;
@@ -325,7 +333,9 @@ fn header(lines: &[Line], run: &Run) -> Header {
         let above = lines[..run.start].iter().rposition(|l| !l.comment);
         let near = |k: &usize| {
             let l = &lines[*k];
-            l.is_words() && l.trimmed() > 1 && (l.trimmed().abs_diff(width) <= 2 || k + 1 == run.start && l.trimmed() > width)
+            l.is_words()
+                && l.trimmed() > 1
+                && (l.trimmed().abs_diff(width) <= 2 || k + 1 == run.start && l.trimmed() > width)
         };
         return Header { names: above.filter(near).into_iter().collect(), ..Header::default() };
     }
@@ -367,7 +377,9 @@ fn titles(lines: &[Line], header: &Header) -> Vec<Heading> {
         match (over, below.trim()) {
             ("", below) => Heading::new(below),
             (_, "") => Heading::new(above),
-            (over, below) => Heading { alias: Some(Heading::new(below).name), ..Heading::new(&format!("{over} {below}")) },
+            (over, below) => {
+                Heading { alias: Some(Heading::new(below).name), ..Heading::new(&format!("{over} {below}")) }
+            }
         }
     });
     pairs.collect()
@@ -434,9 +446,8 @@ mod tests {
 
     #[test]
     fn rows_of_units_and_second_names_are_told_apart() {
-        let heads = |text: &str| {
-            found(text).headings.into_iter().map(|h| (h.name, h.unit, h.alias)).collect::<Vec<_>>()
-        };
+        let heads =
+            |text: &str| found(text).headings.into_iter().map(|h| (h.name, h.unit, h.alias)).collect::<Vec<_>>();
         let text = |t: &str| t.to_string();
         let some = |t: &str| Some(t.to_string());
         let expected = [(text("t"), some("s"), None), (text("V"), some("m/s"), None)];
@@ -444,11 +455,17 @@ mod tests {
         assert_eq!(heads("t,V\n[s],[m/s]\n0,1\n1,2\n"), expected);
         let toa = "\"TOA5\",\"x\",\"CR1000\",\"1\"\n\"TIMESTAMP\",\"RECORD\",\"Batt\"\n\"TS\",\"RN\",\"Volts\"\n\"\",\"\",\"Min\"\n\"2026-01-01 00:00:00\",0,13.1\n\"2026-01-01 00:01:00\",1,13.2\n";
         let found = heads(toa);
-        assert_eq!((found[0].0.as_str(), found[2].0.as_str(), found[2].1.as_deref()), ("TIMESTAMP", "Batt", Some("Volts")));
+        assert_eq!(
+            (found[0].0.as_str(), found[2].0.as_str(), found[2].1.as_deref()),
+            ("TIMESTAMP", "Batt", Some("Volts"))
+        );
         let g1000 = "#yyy-mm-dd, hh:mm:ss, kt, deg\nLcl Date, Lcl Time, IAS, Pitch\n2026-03-04,23:55:00,100,1\n2026-03-04,23:55:01,101,1\n";
         assert_eq!(heads(g1000)[2], (text("IAS"), some("kt"), None));
         let merged = "A,,B,\ntime,conc,time,conc\n0,1,0,2\n1,1,1,2\n";
-        assert_eq!(heads(merged).iter().map(|h| h.0.as_str()).collect::<Vec<_>>(), ["A time", "A conc", "B time", "B conc"]);
+        assert_eq!(
+            heads(merged).iter().map(|h| h.0.as_str()).collect::<Vec<_>>(),
+            ["A time", "A conc", "B time", "B conc"]
+        );
     }
 
     #[test]

@@ -117,20 +117,23 @@ pub fn open_log(path: &Path, salvage: bool) -> Result<(Log, Vec<Note>), RecordEr
     let told = |problem| RecordError { file: path.display().to_string(), problems: vec![problem] };
     let mut notes = Vec::new();
     let opened = content(path).and_then(|content| opened(content, salvage, &mut notes)).map_err(told)?;
-    let (format, is_text) = (opened.format, opened.format == "text");
+    let format = opened.format;
     let mut topics = Vec::new();
     for (name, table) in opened.tables {
         notes.extend((!table.ended).then_some(Note::OpenEnd));
         notes.extend(table.notes.iter().cloned());
         if let Some((line, found, _)) = table.ragged.first() {
             let (count, width) = (table.ragged.len(), table.columns.len());
-            let said = format!("{count} row(s) have other than {width} cells and are left out, first {} {line} with {found}", table.place);
+            let said = format!(
+                "{count} row(s) have other than {width} cells and are left out, first {} {line} with {found}",
+                table.place
+            );
             notes.push(Note::Layout(said));
         }
         let topic = topic(name, table, None, &mut notes);
         topics.push(topic.map_err(|problems| RecordError { file: path.display().to_string(), problems })?);
     }
-    if is_text && topics.iter().all(|t| t.rows() == 0) {
+    if topics.iter().all(|t| t.rows() == 0) {
         return Err(told(Fault::Empty.anywhere()));
     }
     Ok((Log { format, topics, ..Log::default() }, notes))
@@ -167,15 +170,21 @@ fn topic(name: String, table: Table, map: Option<&RecordMap>, notes: &mut Vec<No
         if own.heading.title.is_empty() || names.is_empty() && !own.has_numbers() {
             let title = own.heading.title.escape_debug();
             let text = own.texts().next().map(|(_, text)| super::error::excerpt(text));
-            notes.extend(text.filter(|_| !title.to_string().is_empty()).map(|text| {
-                Note::Taken(format!("`{title}` holds no numbers (`{text}`, ..)"))
-            }));
+            notes.extend(
+                text.filter(|_| !title.to_string().is_empty())
+                    .map(|text| Note::Taken(format!("`{title}` holds no numbers (`{text}`, ..)"))),
+            );
             continue;
         }
         topic.time = topic.time.or_else(|| is_time.then_some(topic.fields.len()));
         let (shown, title) = (own.heading.name.clone(), own.heading.title.clone());
         for name in names.iter().skip(1) {
-            topic.fields.push(Field { name: (*name).clone(), unit: unit.clone(), values: own.values.clone(), texts: Vec::new() });
+            topic.fields.push(Field {
+                name: (*name).clone(),
+                unit: unit.clone(),
+                values: own.values.clone(),
+                texts: Vec::new(),
+            });
         }
         let name = names.first().map_or(if map.is_some() { title } else { shown }, |name| (*name).clone());
         topic.time = if is_time { Some(topic.fields.len()) } else { topic.time };

@@ -41,7 +41,9 @@ fn code_of(values: &[f64]) -> Option<f64> {
     let finite = || values.iter().copied().filter(|v| v.is_finite());
     let least = finite().fold(f64::INFINITY, f64::min);
     CODES.contains(&least).then_some(())?;
-    let range = |of: &mut dyn Iterator<Item = f64>| of.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, g), v| (l.min(v), g.max(v)));
+    let range = |of: &mut dyn Iterator<Item = f64>| {
+        of.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, g), v| (l.min(v), g.max(v)))
+    };
     let (low, high) = range(&mut finite().filter(|v| *v != least));
     (low <= high && low - least > 2.0 * (high - low)).then_some(least)
 }
@@ -62,7 +64,8 @@ fn events(table: &mut Table) {
     if count > 0 {
         let (flag, observed) = (&table.columns[flag].heading.title, &table.columns[observed].heading.title);
         let kept = if left_out > 0 { format!(", {left_out} of which hold a number there") } else { String::new() };
-        let said = format!("{count} row(s) are events by column `{flag}`: nothing in `{observed}` is compared there{kept}");
+        let said =
+            format!("{count} row(s) are events by column `{flag}`: nothing in `{observed}` is compared there{kept}");
         table.notes.push(Note::Layout(said));
     }
 }

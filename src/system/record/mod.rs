@@ -47,6 +47,7 @@ pub use error::Fault;
 pub use error::{Names, Problem, RecordError};
 // What stands in files before it is a record of a model: of the readers only this package knows.
 pub use fdm_readers::{ChannelMap, Field, Log, RecordMap, Topic, open_input};
+pub use grid::{Delimiter, Dialect, Mark};
 pub use holds::moves_at_samples;
 pub use log::open_log;
 pub use note::Note;
@@ -54,5 +55,4 @@ pub use options::{Known, Mask as SampleMask, ReadOptions};
 pub use read::{ChannelSource, Sampling, Summary, read, read_each};
 pub use run::Run;
 pub use run::{Cursor, Place};
-pub use grid::{Delimiter, Dialect, Mark};
 pub use write::{Column, write, write_to};

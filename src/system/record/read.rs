@@ -4,12 +4,12 @@
 use super::beginning::Lead;
 use super::channel::{Channel, Channels, Demand, Plan, Role, Source};
 use super::error::{Fault, Names, Problem, RecordError, excerpt};
+use super::grid::Dialect;
 use super::holds::Holds;
 use super::note::Note;
 use super::options::ReadOptions;
 use super::run::Run;
 use super::samples::{self, Samples};
-use super::grid::Dialect;
 use super::table::Table;
 use super::{beginning, derived, known, log, missing, search, shape, times};
 use fdm_grammar::diagnostic::nearest;
@@ -27,7 +27,8 @@ use std::path::Path;
 pub fn read(path: &Path, channels: &Channels, options: &ReadOptions) -> Result<(Run, Summary), RecordError> {
     let demand = if options.require_outputs { Demand::Needed } else { Demand::Free };
     let mut runs = demanding(path, channels, options, |_| demand)?;
-    let several = |n: usize| RecordError { file: path.display().to_string(), problems: vec![Fault::SeveralRuns(n).anywhere()] };
+    let several =
+        |n: usize| RecordError { file: path.display().to_string(), problems: vec![Fault::SeveralRuns(n).anywhere()] };
     let count = runs.len();
     runs.pop().filter(|_| count == 1).ok_or_else(|| several(count))
 }
@@ -95,7 +96,9 @@ fn demanding(
     let content = log::content(path).map_err(|p| told(vec![p]))?;
     let asked = known::asked(channels, options).map_err(told)?;
     let (columns, demands) = (&asked.channels, asked.demands(demands));
-    let mut table = log::table(content, columns, options, &mut notes).map_err(told)?;
+    let table = log::table(content, columns, options, &mut notes).map_err(told)?;
+    let targets = options.map.iter().map(|(_, column)| column.as_str());
+    let mut table = shape::long(table, &columns.names().chain(targets).collect::<Vec<_>>());
     missing::take_out(&mut table, options);
     let mut runs = Vec::new();
     for (by, mut part) in parts(table, options).map_err(|p| told(vec![p]))? {
@@ -106,7 +109,12 @@ fn demanding(
         notes.append(&mut part.notes);
         let value = by.as_ref().map(|(_, value)| value);
         let name = value.map_or_else(|| name_of(path), |value| format!("{}#{value}", name_of(path)));
-        runs.extend(assemble(name, &part, columns, options, (&demands, notes)).map_err(told)?.into_iter().map(|run| (by.clone(), run)));
+        runs.extend(
+            assemble(name, &part, columns, options, (&demands, notes))
+                .map_err(told)?
+                .into_iter()
+                .map(|run| (by.clone(), run)),
+        );
     }
     let of = runs.len();
     let mut found = Vec::new();
@@ -157,8 +165,10 @@ fn assemble(
 ) -> Result<Vec<(Run, Summary)>, Vec<Problem>> {
     let mut problems = check_options(channels, options);
     if table.unnamed && options.map.is_empty() {
-        let row: Vec<String> = table.columns.iter().take(3).filter_map(|c| Some(c.values.first()?.to_string())).collect();
-        let hint = "name them by their numbers, --map \"t=#1 [s]\" --map u=#2 .., or write names into a line above the rows";
+        let row: Vec<String> =
+            table.columns.iter().take(3).filter_map(|c| Some(c.values.first()?.to_string())).collect();
+        let hint =
+            "name them by their numbers, --map \"t=#1 [s]\" --map u=#2 .., or write names into a line above the rows";
         problems.push(table.in_header(Fault::NoHeader(row.join(", "))).hint(hint));
         return Err(problems);
     }

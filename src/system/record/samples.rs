@@ -45,7 +45,12 @@ const FEW_TIMES: usize = 200;
 ///
 /// # Errors
 /// Every problem of the rows, by column: the first place with its fault, a few more lines, and how many follow.
-pub(crate) fn collect(table: &Table, plan: &Plan, timed: bool, options: &ReadOptions) -> Result<Vec<Samples>, Vec<Problem>> {
+pub(crate) fn collect(
+    table: &Table,
+    plan: &Plan,
+    timed: bool,
+    options: &ReadOptions,
+) -> Result<Vec<Samples>, Vec<Problem>> {
     let all: Vec<usize> = (0..table.rows()).collect();
     let mut collector = Collector::new(table, plan, options, timed);
     collector.marks();
@@ -262,7 +267,8 @@ impl<'a> Collector<'a> {
     fn marks(&mut self) {
         let plan = self.plan;
         let time = plan.time.iter().filter(|_| plan.strict);
-        let mut used: Vec<usize> = time.chain(&plan.inputs).chain(plan.outputs.iter().flatten()).map(|s| s.column).collect();
+        let mut used: Vec<usize> =
+            time.chain(&plan.inputs).chain(plan.outputs.iter().flatten()).map(|s| s.column).collect();
         used.sort_unstable();
         used.dedup();
         let columns = || used.iter().map(|k| (*k, &self.table.columns[*k]));
@@ -277,9 +283,8 @@ impl<'a> Collector<'a> {
         };
         self.samples.mark = Some(expected);
         let other = usize::from(expected == Mark::Point);
-        let wrong: Vec<(usize, usize, String)> = columns()
-            .filter_map(|(k, c)| c.marks[other].as_ref().map(|(row, cell)| (k, *row, cell.clone())))
-            .collect();
+        let wrong: Vec<(usize, usize, String)> =
+            columns().filter_map(|(k, c)| c.marks[other].as_ref().map(|(row, cell)| (k, *row, cell.clone()))).collect();
         for (column, row, cell) in wrong {
             let fault = Fault::MixedMarks { found: excerpt(&cell), mark: expected, line: self.table.line(first) };
             self.blame(Kind::Cell, Some(column), row, fault);

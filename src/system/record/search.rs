@@ -2,14 +2,14 @@
 
 use super::channel::{Channel, Channels, Demand, Plan, Role, Source};
 use super::error::{Fault, Names, Problem, excerpt};
+use super::heading::Heading;
 use super::note::Note;
 use super::options::ReadOptions;
-use super::heading::Heading;
 use super::table::Table;
 use super::times;
-use fdm_grammar::unit::Spelled;
 use fdm_grammar::Unit;
 use fdm_grammar::diagnostic::nearest;
+use fdm_grammar::unit::Spelled;
 
 /// Finds the columns of all channels.
 ///
@@ -136,7 +136,8 @@ impl Search<'_> {
             }
             () if unit.is_some() || !self.channels.timed => None,
             () if times::counts(own) => {
-                let hint = format!("say --rate N, in samples per second, or --map \"t={title} [s]\" where it is the time");
+                let hint =
+                    format!("say --rate N, in samples per second, or --map \"t={title} [s]\" where it is the time");
                 Some((Fault::Counter(title.clone()), hint))
             }
             () => times::doubtful(own).map(|step| {
@@ -149,7 +150,8 @@ impl Search<'_> {
             return None;
         }
         let channel = Channel::new("t", Some(self.channels.time.clone()));
-        self.source(Role::Time, &channel, Found { unit, ..Found::plain(column) }).map(|source| Source { clock, ..source })
+        self.source(Role::Time, &channel, Found { unit, ..Found::plain(column) })
+            .map(|source| Source { clock, ..source })
     }
 
     /// The column that holds the time by its name, its unit or its cells.
@@ -222,7 +224,8 @@ impl Search<'_> {
     fn is_taken(&self, heading: &Heading) -> bool {
         let named = |name: &str| heading.name.eq_ignore_ascii_case(name) || heading.title.eq_ignore_ascii_case(name);
         let mapped = |text: &str| named(text) || named(&Heading::new(text).name);
-        let time = self.time_column().ok().flatten().is_some_and(|k| self.table.columns[k].heading.title == heading.title);
+        let time =
+            self.time_column().ok().flatten().is_some_and(|k| self.table.columns[k].heading.title == heading.title);
         time || self.channels.names().any(named) || self.options.map.iter().any(|(_, text)| mapped(text))
     }
 
@@ -388,7 +391,10 @@ impl Search<'_> {
                 Some(known) => known,
                 None => {
                     let plain = || {
-                        format!("say --map \"{name}={} [UNIT]\", with a unit as in `m/s^2`, `deg/s` or `1`", excerpt(&heading.name))
+                        format!(
+                            "say --map \"{name}={} [UNIT]\", with a unit as in `m/s^2`, `deg/s` or `1`",
+                            excerpt(&heading.name)
+                        )
                     };
                     let hint = error.nearest.map_or_else(plain, |near| format!("did you mean `{near}`?"));
                     let fault = Fault::UnknownUnit { unit: excerpt(from), role, channel: name, expected };
@@ -411,8 +417,7 @@ impl Search<'_> {
         let heading = self.table.columns[found.column].heading.clone();
         let title = heading.title;
         let name = channel.name.clone();
-        let own =
-            heading.unit.filter(|u| Unit::spelled(u).map_or(true, |u| !u.unit.is_one()));
+        let own = heading.unit.filter(|u| Unit::spelled(u).map_or(true, |u| !u.unit.is_one()));
         if let Some(unit) = channel.unit.as_ref().filter(|u| !u.is_one()) {
             let fault = Fault::LogarithmOfUnit { role, channel: name, unit: unit.text().to_string() };
             self.problems.push(self.table.in_header(fault).column(&title));
@@ -455,7 +460,8 @@ fn is_pure(title: &str, name: &str) -> bool {
 
 /// What is said of a unit that is read as another spelling, and of turns that one of two units does not name.
 fn spelled(known: &Spelled, (title, from): (&str, &str), channel: &Channel, to: &Unit) -> Option<Note> {
-    let turns = |text: &str| text.split(|c: char| !c.is_alphabetic()).any(|w| ["rad", "deg", "rev", "rpm"].contains(&w));
+    let turns =
+        |text: &str| text.split(|c: char| !c.is_alphabetic()).any(|w| ["rad", "deg", "rev", "rpm"].contains(&w));
     let taken_for = known.taken_for.clone().unwrap_or_else(|| from.to_string());
     let rate = Unit::one().quotient(&Unit::second()).is_some_and(|rate| rate.same_dimension(to));
     let counts = rate && !turns(&taken_for) && turns(to.text());

@@ -4,7 +4,7 @@
 use super::clock::{DAY, Stamps};
 use super::column::Column;
 use super::grid::Rows;
-use super::heading::{Heading, time_name};
+use super::heading::Heading;
 use super::layout::Layout;
 use super::note::Note;
 use super::table::Table;
@@ -57,24 +57,56 @@ pub(crate) fn lying(text: &str, layout: &Layout) -> Option<Table> {
 
 /// What the columns of names and of values are called in tables of one value a row.
 const NAMES: [&str; 18] = [
-    "name", "signal", "channel", "variable", "field", "_field", "topic", "key", "measurement", "parameter", "tag", "sensor", "analyte",
-    "observable", "observableid", "quantity", "entry", "signal_name",
+    "name",
+    "signal",
+    "channel",
+    "variable",
+    "field",
+    "_field",
+    "topic",
+    "key",
+    "measurement",
+    "parameter",
+    "tag",
+    "sensor",
+    "analyte",
+    "observable",
+    "observableid",
+    "quantity",
+    "entry",
+    "signal_name",
 ];
 const VALUES: [&str; 9] = ["value", "_value", "val", "data", "reading", "result", "measured", "observation", "amount"];
 
-/// A table of times, names and values becomes one with a column for each name.
-pub(crate) fn long(table: Table) -> Table {
+/// A table of times, names and values becomes one with a column for each name: where its columns are called so, or where names that are `wanted`, and
+/// are no columns, stand in a column of texts beside one of values.
+pub(crate) fn long(table: Table, wanted: &[&str]) -> Table {
     /// Names that are channels, at most.
     const CHANNELS: usize = 2000;
-    let place = |known: &[&str]| {
-        table.columns.iter().position(|c| known.contains(&c.heading.name.to_lowercase().as_str()))
+    let called = |k: usize, known: &[&str]| known.contains(&table.columns[k].heading.name.to_lowercase().as_str());
+    let time = match super::times::found(&table, &|_| true) {
+        Ok(Some(time)) => time,
+        _ => match super::times::called_times(&table).first() {
+            Some((_, time)) => *time,
+            None => return table,
+        },
     };
-    let (Some(names), Some(values)) = (place(&NAMES), place(&VALUES)) else { return table };
+    let all = || (0..table.columns.len()).filter(|k| *k != time);
+    let is_text = |k: &usize| {
+        !table.columns[*k].has_numbers() && table.columns[*k].stamps.is_none() && !table.columns[*k].labels().is_empty()
+    };
+    let is_there = |name: &str| table.headings().any(|h| h.is(name));
+    let holds = |k: &usize| wanted.iter().any(|w| !is_there(w) && table.columns[*k].labels().iter().any(|l| l == w));
+    let names = all().filter(is_text).find(|k| called(*k, &NAMES) || holds(k));
+    let numbers: Vec<usize> = all().filter(|k| table.columns[*k].has_numbers()).collect();
+    let values = numbers.iter().copied().find(|k| called(*k, &VALUES));
+    let only = || match numbers[..] {
+        [one] if names.is_some_and(|k| holds(&k)) => Some(one),
+        _ => None,
+    };
+    let (Some(names), Some(values)) = (names, values.or_else(only)) else { return table };
     let labels = table.columns[names].labels();
-    let is_text = |c: &Column| !c.has_numbers() && c.stamps.is_none();
-    let times = |k: usize| k != names && k != values && (time_name(&table.columns[k].heading.name).is_some() || table.is_clock(k));
-    let Some(time) = (0..table.columns.len()).find(|k| times(*k)) else { return table };
-    if !is_text(&table.columns[names]) || labels.is_empty() || labels.len() > CHANNELS || table.rows() < 2 {
+    if labels.len() > CHANNELS || table.rows() < 2 {
         return table;
     }
     // an instant has a row for each of its names; a name that comes again at it begins a row
@@ -116,7 +148,8 @@ pub(crate) fn long(table: Table) -> Table {
         columns.len() - 1,
         table.columns[names].heading.title
     );
-    let lines = if table.lines.is_empty() { Vec::new() } else { order.iter().map(|k| table.lines[rows[*k].1]).collect() };
+    let lines =
+        if table.lines.is_empty() { Vec::new() } else { order.iter().map(|k| table.lines[rows[*k].1]).collect() };
     let mut notes = table.notes;
     notes.push(Note::Layout(said));
     Table { columns, lines, notes, ..table }
@@ -136,7 +169,8 @@ pub(crate) fn dated(table: &mut Table) {
     let clock = &mut table.columns[clock];
     clock.values.iter_mut().zip(&days).for_each(|(t, day)| *t = t.rem_euclid(DAY) + day);
     clock.stamps = Some(Stamps::Both);
-    let said = format!("the dates of column `{}` belong to `{}`", table.columns[date].heading.title, clock_title(table));
+    let said =
+        format!("the dates of column `{}` belong to `{}`", table.columns[date].heading.title, clock_title(table));
     table.notes.push(Note::Layout(said));
 }
 

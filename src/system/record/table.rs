@@ -179,7 +179,7 @@ impl Table {
 
     /// With all that is the same for every format.
     fn shaped(self) -> Self {
-        let mut table = shape::long(self);
+        let mut table = shape::long(self, &[]);
         shape::dated(&mut table);
         table
     }

@@ -370,7 +370,10 @@ fn broken_tables_are_refused_with_their_line() {
     assert!(message.starts_with("line 3: found 2 cells") && message.contains("cut off"), "{message}");
     assert!(one("t,u,y\n0,1,1\n1,1,2e", &uy(), &plain()).contains("found `2e`, expected a number (the file ends here"));
     assert!(one("t,u,y\n0,1,1\n1,\"1,2\n2,1,1\n3,1,1\n", &uy(), &plain()).contains("a quote that opens in this line"));
-    assert!(one("0,1,1\n1,1,2\n", &uy(), &plain()).starts_with("line 1: no line above the rows holds names of the columns (0, 1, 1)"));
+    assert!(
+        one("0,1,1\n1,1,2\n", &uy(), &plain())
+            .starts_with("line 1: no line above the rows holds names of the columns (0, 1, 1)")
+    );
     assert!(one("\n\nt,u,y\n\n", &uy(), &plain()).starts_with("line 3: there are no rows below the header"));
     assert!(one("", &uy(), &plain()).contains("holds no rows"));
     assert!(

@@ -130,7 +130,8 @@ fn blank_comments(text: &mut String) -> Result<Vec<(usize, String)>, Problem> {
         let sign = content.iter().position(|b| !b.is_ascii_whitespace());
         if let Some(sign) = sign.filter(|sign| is_comment(&content[*sign..])) {
             if comments.len() < COMMENTS {
-                let behind = content[sign..].iter().position(|b| !matches!(b, b'#' | b'%')).map_or(end - start, |n| sign + n);
+                let behind =
+                    content[sign..].iter().position(|b| !matches!(b, b'#' | b'%')).map_or(end - start, |n| sign + n);
                 comments.push((line, String::from_utf8_lossy(&content[behind..]).into_owned()));
             }
             content.fill(b' ');
@@ -182,8 +183,8 @@ pub(crate) enum Cell {
 /// Words that instruments and programs write where nothing was measured, in any case; an empty cell as well, and
 /// every NaN with or without sign.
 const GAPS: [&str; 17] = [
-    ".", "n.a.", "na", "n/a", "#n/a", "null", "none", "missing", "-", "--", "?", "nan(ind)", "1.#qnan", "1.#ind", "1.#snan", "#nan",
-    "",
+    ".", "n.a.", "na", "n/a", "#n/a", "null", "none", "missing", "-", "--", "?", "nan(ind)", "1.#qnan", "1.#ind",
+    "1.#snan", "#nan", "",
 ];
 /// Words that laboratories write where an amount was below what they can tell, in any case; so are numbers behind `<`.
 const BELOW: [&str; 10] = ["blq", "bql", "bloq", "blod", "bdl", "nd", "n.d.", "<lod", "<loq", "<lloq"];
@@ -304,9 +305,23 @@ mod tests {
         for (text, value) in [("1,5", 1.5), ("-,5", -0.5), ("1,5e-3", 0.0015), ("1,234", 1.234)] {
             assert_eq!(number(text), (value, Some(Mark::Comma)), "{text}");
         }
-        for text in
-            ["", "  ", "NaN", "nan", "-NaN", "-nan(ind)", "NA", "n/a", "#N/A", "null", "-", "--", "1.#QNAN", "\"\"", "."]
-        {
+        for text in [
+            "",
+            "  ",
+            "NaN",
+            "nan",
+            "-NaN",
+            "-nan(ind)",
+            "NA",
+            "n/a",
+            "#N/A",
+            "null",
+            "-",
+            "--",
+            "1.#QNAN",
+            "\"\"",
+            ".",
+        ] {
             assert_eq!(scan(text), Cell::Gap, "{text}");
         }
         for text in ["inf", "-Inf", "Infinity", "1e999", "-1.#INF", "1,5e999"] {

@@ -103,6 +103,19 @@ pub(crate) fn found(table: &Table, may_be: &dyn Fn(&Heading) -> bool) -> Result<
         }
         return Ok(None);
     }
+    // what is measured in units of time and rises is the time, where there is one such column
+    let second = Unit::second();
+    let in_time = |h: &Heading| {
+        h.unit.as_deref().and_then(|u| Unit::spelled(u).ok()).is_some_and(|u| u.unit.same_dimension(&second))
+    };
+    let rises = |c: &Column| c.values.len() > 1 && c.values.windows(2).all(|w| w[0] < w[1]);
+    let mut measured = (0..table.columns.len()).filter(|k| {
+        let column = &table.columns[*k];
+        column.stamps.is_none() && in_time(&column.heading) && rises(column) && may_be(&column.heading)
+    });
+    if let (Some(one), None) = (measured.next(), measured.next()) {
+        return Ok(Some(one));
+    }
     // dates and clock times can be nothing else; a date goes last
     let clocks = |dates: bool| -> Vec<usize> {
         let is = |k: &usize| {
@@ -145,7 +158,8 @@ pub(crate) fn doubtful(column: &Column) -> Option<f64> {
 pub(crate) fn rate_above(table: &Table) -> Option<f64> {
     let named = |name: &str| {
         let lower = name.to_lowercase();
-        ["sample rate", "sampling rate", "sample_rate", "sampling frequency", "samplerate", "fs", "rate"].contains(&lower.trim())
+        ["sample rate", "sampling rate", "sample_rate", "sampling frequency", "samplerate", "fs", "rate"]
+            .contains(&lower.trim())
     };
     let (_, value) = table.about.iter().find(|(name, _)| named(name))?;
     let mut words = value.split_whitespace();
@@ -171,7 +185,8 @@ pub(crate) fn rated(
         None => found(table, may_be)?,
     };
     // a name of a time, whose unit nothing tells
-    let open = |(rank, k): &(usize, usize)| *rank >= 3 && may_be(&table.columns[*k].heading) && !counts(&table.columns[*k]);
+    let open =
+        |(rank, k): &(usize, usize)| *rank >= 3 && may_be(&table.columns[*k].heading) && !counts(&table.columns[*k]);
     if let (Some(_), None, Some((_, column))) = (rate, there, called_times(table).into_iter().find(open)) {
         let title = table.columns[column].heading.title.clone();
         let hint = format!("say its unit: --map \"t={title} [UNIT]\"");
