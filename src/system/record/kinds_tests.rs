@@ -127,6 +127,22 @@ fn other_layouts_of_tables_are_one_understanding() {
     );
 }
 
+/// A structured array of NumPy: `t`, a text, `u` and `y`.
+#[test]
+fn arrays_of_records_are_tables() {
+    let header = "{'descr': [('t', '<f8'), ('state', '<U2'), ('u', '<i2'), ('y', '<f4')], 'fortran_order': False, 'shape': (3,), }\n";
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend((header.len() as u16).to_le_bytes());
+    bytes.extend(header.as_bytes());
+    for (t, u, y) in [(0.0_f64, 1_i16, 0.25_f32), (0.5, 1, 0.5), (1.0, 2, 0.75)] {
+        bytes.extend(t.to_le_bytes());
+        "ok".chars().for_each(|c| bytes.extend(u32::from(c).to_le_bytes()));
+        bytes.extend(u.to_le_bytes());
+        bytes.extend(y.to_le_bytes());
+    }
+    is_it(&bytes, &ReadOptions::default(), "");
+}
+
 #[test]
 fn times_are_read_in_the_unit_that_the_file_tells() {
     let plain = ReadOptions::default();

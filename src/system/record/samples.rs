@@ -151,7 +151,7 @@ impl<'a> Collector<'a> {
         if let Some((previous, at, used)) = before.filter(|(previous, ..)| time <= *previous) {
             if time == previous && self.table.columns.iter().all(|c| c.same(at, row)) {
                 let line = self.table.line(row);
-                self.samples.repeated.get_or_insert_with(|| (0, line)).0 += 1;
+                self.samples.repeated.get_or_insert((0, line)).0 += 1;
                 return None;
             }
             if time == previous {

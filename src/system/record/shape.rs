@@ -111,7 +111,8 @@ pub(crate) fn long(table: Table, wanted: &[&str]) -> Table {
     }
     // an instant has a row for each of its names; a name that comes again at it begins a row
     let stamps = &table.columns[time].values;
-    let (mut rows, mut last): (Vec<(f64, usize)>, HashMap<(u64, &str), usize>) = (Vec::new(), HashMap::new());
+    let mut rows: Vec<(f64, usize)> = Vec::new();
+    let mut last: HashMap<(u64, &str), usize> = HashMap::new();
     let mut cells: Vec<Vec<(usize, f64)>> = vec![Vec::new(); labels.len()];
     let mut instants: HashMap<u64, Vec<usize>> = HashMap::new();
     for (row, label) in table.columns[names].texts() {
