@@ -9,7 +9,7 @@ def layouts(folder):
     put = Layouts(folder).text
     t, u, y = (floats(a) for a in lag())
     n = len(t)
-    clock = lambda v: (13 + int(v + 57) // 60, (v + 57) % 60)
+    clock = lambda v: (13 + int(v + 58.2) // 60, (v + 58.2) % 60)
     stamp = lambda v: "14:{:02d}:{:06.3f}".format(*clock(v))
     ms = [1000 * v for v in t]
     yield "oscilloscope: names, (ms),(V), blank line", put(
@@ -29,7 +29,7 @@ def layouts(folder):
     yield "GPS logger: [column names], [data], hhmmss.ss", put(
         "v.vbo", "File created on 21/09/2026 at 14:13:57\n\n[header]\nsatellites\ntime\nu\ny\n\n[comments]\n(c) 2026\nLog Rate (Hz) : 50.00\n\n[column names]\nsats time u y\n\n[data]\n"
         + rows([["008"] * n, [hms(v) for v in t], [f"{v:+09.4f}" for v in u], [f"{v:+010.5f}" for v in y]], " ")), "lag", {}
-    whole = [f"2026-09-21 14:{13 + int(v + 57) // 60:02d}:{int(v + 57) % 60:02d}" for v in t]
+    whole = [f"2026-09-21 14:{13 + int(v + 58.2) // 60:02d}:{int(v + 58.2) % 60:02d}" for v in t]
     yield "terminal unit: whole seconds, trailing semicolons", put(
         "rtu.csv", "Date;plc.u;plc.y;\n" + rows([whole, u, y, [""] * n], ";")), "lag", {"u": "plc.u", "y": "plc.y"}, {"option": "rate"}
     pid = "".join(f'"{a:.5f}";"{name}";"{v}";"{unit}";\n' for a, b, d in zip(t, u, y) for name, v, unit in (("u", b, "V"), ("y", d, "")))

@@ -141,7 +141,8 @@ def layouts(folder):
     twice = "".join(f"{a},{b * s:.5f}\n" for a, b in zip(h[1:], c[1:]) for s in (0.96, 1.05))
     yield "repeats in rows of one time", put("rep.csv", "time [h],conc [mg/L]\n" + twice), "oral", {}, {"truth": [pair("r1.csv", 0.96), pair("r2.csv", 1.05)]}
     subject = lambda k: "".join(f"{k},{a},{'320' if a == 0 else '.'},{'.' if b is None else b},{int(a == 0)},{60 + 5 * k}\n" for a, b in zip(h, c0))
-    yield "four subjects in one table", put("nm.csv", "ID,TIME,AMT,DV,EVID,WT\n" + "".join(subject(k) for k in range(1, 5))), "oral", {"conc": "DV"}
+    yield "four subjects in one table", put("nm.csv", "ID,TIME,AMT,DV,EVID,WT\n" + "".join(subject(k) for k in range(1, 5))), "oral", {"conc": "DV"}, {"truth": [put(
+        f"s{k}.csv", "time [h],conc [mg/L]\n0,\n" + "".join(f"{a},{b}\n" for a, b in zip(h[1:], c0[1:]))) for k in range(1, 5)]}
     yield "hours and minutes, 08:00", put("hhmm.csv", "time,conc [mg/L]\n" + "".join(
         f"{8 + int(a):02d}:{int(a % 1 * 60):02d},{'' if b is None else b}\n" for a, b in zip(h[:-1], c0))), "oral", {}, {"truth": [put(
             "hhmm0.csv", "time [h],conc [mg/L]\n0,\n" + "".join(f"{a},{b}\n" for a, b in zip(h[1:-1], c0[1:])))]}
@@ -180,7 +181,7 @@ def fit(fdm, model, file, extra):
         found = json.loads(done.stdout)
     except ValueError:
         return None, done.stderr.strip()
-    return {p["name"]: p["value"] for p in found["parameters"]}, done.stderr.strip()
+    return {p["name"]: p["value"] for p in found["parameters"]} | {"log-likelihood": found["log_likelihood"]}, done.stderr.strip()
 
 
 ANSWERS = {"--rate": "50", "--runs-by": None, "--below-limit": None, "--replicates": None}
@@ -239,7 +240,8 @@ def judge(fdm, folder, kinds, out):
                 how = "with " + " ".join(option)
                 message = message if found is not None else f"{message} // {after}"
         reference = fit(fdm, models[kind], known["truth"], [])[0] if "truth" in known else truth[kind]
-        right = found is not None and all(abs(found[p] - reference[p]) <= 3e-3 * abs(reference[p]) for p in MODELS[kind][1])
+        right = found is not None and all(
+            abs(found[p] - reference[p]) <= 3e-3 * abs(reference[p]) for p in [*MODELS[kind][1], "log-likelihood"])
         verdict = "refused" if found is None else "right" if right else "WRONG"
         table.append((name, how if found is not None else "", verdict))
         print(f"{verdict:8} {name:52} {how if found is not None else ''}", flush=True)

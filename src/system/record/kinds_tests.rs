@@ -153,6 +153,7 @@ fn times_are_read_in_the_unit_that_the_file_tells() {
             "time,u,y\n1790000000000000000,1,0.25\n1790000000500000000,1,0.5\n1790000001000000000,2,0.75\n",
             "counts ns since 1970",
         ),
+        ("sats time u y\n8 141359.5 1 0.25\n8 141400.0 1 0.5\n8 141400.5 2 0.75\n", "are clock times, hhmmss"),
         ("Time,u,y\n0 sec,1,0.25\n0.5 sec,1,0.5\n1 sec,2,0.75\n", ""),
         (",u,y\n0 days 00:00:59.5,1,0.25\n0 days 00:01:00,1,0.5\n0 days 00:01:00.5,2,0.75\n", "dates or clock times"),
         ("x-axis,u,y\nsecond,Volt,-\n-0.5,1,0.25\n0,1,0.5\n0.5,2,0.75\n", "line 2 holds the units"),

@@ -180,6 +180,29 @@ fn clock_title(table: &Table) -> &str {
     both.map_or("", |c| c.heading.title.as_str())
 }
 
+/// Clock times that are written as numbers, `hhmmss.s`: told where a minute ends, for there the numbers leap and the times do not. Within a minute
+/// both readings are the same.
+pub(crate) fn packed(table: &mut Table) {
+    let seconds = |v: f64| (v / 1e4).floor() * 3600.0 + (v / 100.0).floor() % 100.0 * 60.0 + v % 100.0;
+    let valid = |v: &f64| (0.0..24e4).contains(v) && v % 100.0 < 60.0 && (v / 100.0).floor() % 100.0 < 60.0;
+    for (_, k) in super::times::called_times(table) {
+        let column = &mut table.columns[k];
+        let written = &column.values;
+        if column.heading.unit.is_some() || column.stamps.is_some() || written.len() < 2 || !written.iter().all(valid) {
+            continue;
+        }
+        let times: Vec<f64> = written.iter().map(|v| seconds(*v)).collect();
+        let steps: Vec<f64> = times.windows(2).map(|w| w[1] - w[0]).collect();
+        let longest = steps.iter().copied().fold(0.0, f64::max);
+        let leaps = written.windows(2).zip(&steps).any(|(w, step)| w[1] - w[0] > step + 39.0 && w[1] - w[0] > 2.0 * longest);
+        if leaps && steps.iter().all(|s| *s >= 0.0) {
+            (column.values, column.heading.unit) = (times, Some("s".into()));
+            let said = format!("the numbers of column `{}` are clock times, hhmmss", column.heading.title);
+            table.notes.push(Note::Layout(said));
+        }
+    }
+}
+
 /// The rows of each run, where a column says the run: its name, and the rows (by index).
 pub(crate) fn runs_by(table: &Table, column: usize) -> Vec<(String, Vec<usize>)> {
     let own = &table.columns[column];

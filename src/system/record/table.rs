@@ -181,6 +181,7 @@ impl Table {
     fn shaped(self) -> Self {
         let mut table = shape::long(self, &[]);
         shape::dated(&mut table);
+        shape::packed(&mut table);
         table
     }
 
