@@ -360,6 +360,9 @@ fn of_record(path: &Path, record: &Path) -> Ending {
     if path.extension().is_none_or(|e| e != "fdm") {
         return Err(Failure::input([format!("{}: beside --from, the name of a model ends with .fdm", path.display())]));
     }
+    if path.symlink_metadata().is_ok() {
+        return Err(Failure::input([format!("{}: exists already, and is not overwritten", path.display())]));
+    }
     let looked = looked_at(record)?;
     let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let name: String = stem.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();

@@ -180,10 +180,10 @@ pub struct Selection {
     #[arg(long, value_name = "[OUTPUT=]COLUMN", value_parser = mask, requires = "recorded", hide_short_help = true)]
     mask: Vec<SampleMask>,
     /// Samples per second of rows without times, or whose times count rows
-    #[arg(long, value_name = "RATE", value_parser = instant, requires = "recorded")]
+    #[arg(long, value_name = "RATE", value_parser = instant, requires = "recorded", hide_short_help = true)]
     rate: Option<f64>,
     /// Column that tells the runs of a table apart
-    #[arg(long, value_name = "COLUMN", requires = "recorded")]
+    #[arg(long, value_name = "COLUMN", requires = "recorded", hide_short_help = true)]
     runs_by: Option<String>,
     /// What stands in cells where nothing was measured, beside empty ones, `NA`, `.` and -999
     ///

@@ -198,9 +198,7 @@ fn only(opened: Opened, notes: &mut Vec<Note>) -> Result<Table, Problem> {
     const SHOWN: usize = 12;
     let Opened { format, mut tables } = opened;
     if format == "text" {
-        let table = tables.swap_remove(0).1;
-        notes.extend(table.notes.iter().cloned());
-        return Ok(table);
+        return Ok(tables.swap_remove(0).1);
     }
     let constants = tables.iter().filter(|(_, t)| t.rows() == 1).map(|(_, t)| t.columns.len()).sum::<usize>();
     let mut many: Vec<(String, Table)> = tables.into_iter().filter(|(_, t)| t.rows() > 1).collect();
@@ -217,7 +215,6 @@ fn only(opened: Opened, notes: &mut Vec<Note>) -> Result<Table, Problem> {
     if constants > 0 {
         notes.push(Note::Taken(format!("{constants} single value(s) beside the table are left out")));
     }
-    notes.extend(table.notes.iter().cloned());
     Ok(table)
 }
 

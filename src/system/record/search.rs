@@ -404,8 +404,12 @@ impl Search<'_> {
             },
         };
         let Some((scale, offset)) = known.unit.conversion(to) else {
+            // a model of pure numbers has no opinion on units
+            let plain =
+                || format!("say --map \"{name}={} [1]\" to take its numbers as they are", excerpt(&heading.name));
+            let hint = (expected == "1").then(plain);
             let fault = Fault::Incompatible { found: excerpt(from), expected, role, channel: name };
-            self.problems.push(self.table.in_header(fault).column(&title));
+            self.problems.push(self.table.in_header(fault).column(&title).maybe_hint(hint));
             return None;
         };
         self.notes.extend(spelled(&known, (&title, from), channel, to));

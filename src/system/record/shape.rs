@@ -194,7 +194,8 @@ pub(crate) fn packed(table: &mut Table) {
         let times: Vec<f64> = written.iter().map(|v| seconds(*v)).collect();
         let steps: Vec<f64> = times.windows(2).map(|w| w[1] - w[0]).collect();
         let longest = steps.iter().copied().fold(0.0, f64::max);
-        let leaps = written.windows(2).zip(&steps).any(|(w, step)| w[1] - w[0] > step + 39.0 && w[1] - w[0] > 2.0 * longest);
+        let leaps =
+            written.windows(2).zip(&steps).any(|(w, step)| w[1] - w[0] > step + 39.0 && w[1] - w[0] > 2.0 * longest);
         if leaps && steps.iter().all(|s| *s >= 0.0) {
             (column.values, column.heading.unit) = (times, Some("s".into()));
             let said = format!("the numbers of column `{}` are clock times, hhmmss", column.heading.title);
