@@ -128,6 +128,7 @@ fn other_layouts_of_tables_are_one_understanding() {
 }
 
 /// A structured array of NumPy: `t`, a text, `u` and `y`.
+#[cfg(feature = "npz")]
 #[test]
 fn arrays_of_records_are_tables() {
     let header = "{'descr': [('t', '<f8'), ('state', '<U2'), ('u', '<i2'), ('y', '<f4')], 'fortran_order': False, 'shape': (3,), }\n";
