@@ -139,18 +139,3 @@ fn flat(path: &str, object: &Map<String, Value>, depth: usize, with: &mut dyn Fn
         }
     }
 }
-
-/// Whether bytes are JSON, by how they begin: a text table may begin with a bracket too, and no object or row of numbers.
-pub(crate) fn begins(bytes: &[u8]) -> bool {
-    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
-    let mut signs = bytes.iter().filter(|b| !b.is_ascii_whitespace());
-    match (signs.next(), signs.next()) {
-        (Some(b'{'), Some(b'"')) => true,
-        (Some(b'['), Some(b'{' | b'[')) => true,
-        // a line of a text ends with the bracket of a name or a unit; an array has commas within
-        (Some(b'['), Some(b'0'..=b'9' | b'-' | b'"')) => {
-            bytes.iter().take_while(|b| **b != b']').filter(|b| **b == b',').count() > 1
-        }
-        _ => false,
-    }
-}

@@ -12,6 +12,7 @@ mod gzip;
 #[cfg(feature = "hdf5")]
 mod hdf5;
 mod input;
+#[cfg(feature = "json")]
 mod json;
 mod log;
 mod map;

@@ -123,6 +123,7 @@ impl Field {
 }
 
 impl Sheet {
+    #[cfg(any(feature = "json", feature = "xlsx"))]
     /// Adds a row; line ends and tabulators in cells become spaces.
     pub(crate) fn push<'c>(&mut self, cells: impl IntoIterator<Item = &'c str>) {
         for (k, cell) in cells.into_iter().enumerate() {

@@ -97,8 +97,8 @@ pub(crate) fn decode(bytes: Vec<u8>) -> Result<Decoded, Problem> {
 
 fn characters(mut bytes: Vec<u8>) -> Result<(String, Option<&'static str>), Problem> {
     match bytes[..] {
-        [0xff, 0xfe, ..] => return Ok((encoding_rs::UTF_16LE.decode(&bytes).0.into_owned(), Some("UTF-16"))),
-        [0xfe, 0xff, ..] => return Ok((encoding_rs::UTF_16BE.decode(&bytes).0.into_owned(), Some("UTF-16"))),
+        [0xff, 0xfe, ..] => return Ok((of_pairs(&bytes, u16::from_le_bytes), Some("UTF-16"))),
+        [0xfe, 0xff, ..] => return Ok((of_pairs(&bytes, u16::from_be_bytes), Some("UTF-16"))),
         [0xef, 0xbb, 0xbf, ..] => drop(bytes.drain(..3)),
         _ => {}
     }
@@ -112,9 +112,15 @@ fn characters(mut bytes: Vec<u8>) -> Result<(String, Option<&'static str>), Prob
                 let hint = "it looks like a binary file; export the record as CSV";
                 return Err(Fault::NotText.at(line_of(bytes, valid)).hint(hint));
             }
-            Ok((encoding_rs::WINDOWS_1252.decode(bytes).0.into_owned(), Some("Latin-1")))
+            Ok((bytes.iter().map(|b| char::from(*b)).collect(), Some("Latin-1")))
         }
     }
+}
+
+/// UTF-16 behind its mark.
+fn of_pairs(bytes: &[u8], unit: fn([u8; 2]) -> u16) -> String {
+    let units: Vec<u16> = bytes.as_chunks().0.iter().skip(1).map(|pair| unit(*pair)).collect();
+    String::from_utf16_lossy(&units)
 }
 
 /// Makes comment lines spaces; gives the first of them.
