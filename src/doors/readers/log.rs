@@ -123,8 +123,8 @@ impl Field {
 }
 
 impl Sheet {
-    #[cfg(any(feature = "json", feature = "xlsx"))]
     /// Adds a row; line ends and tabulators in cells become spaces.
+    #[cfg(any(feature = "json", feature = "xlsx"))]
     pub(crate) fn push<'c>(&mut self, cells: impl IntoIterator<Item = &'c str>) {
         for (k, cell) in cells.into_iter().enumerate() {
             if k > 0 {
@@ -205,6 +205,7 @@ impl Log {
 }
 
 /// Adds the arrays of a data file as topics: those of one length stand over one clock, which is the array named as times are.
+#[cfg(any(feature = "json", feature = "npz", feature = "mat", feature = "hdf5", feature = "parquet"))]
 pub(crate) fn by_length(fields: Vec<Field>) -> Vec<Topic> {
     let mut lengths: Vec<usize> = Vec::new();
     for field in &fields {
@@ -243,6 +244,7 @@ pub(crate) fn of_matrix(
 }
 
 /// One value is a constant beside the tables, and not a table.
+#[cfg(any(feature = "json", feature = "npz", feature = "mat", feature = "hdf5", feature = "parquet"))]
 fn name_of(length: usize, several: bool) -> String {
     match length {
         1 => "constants".into(),
@@ -252,6 +254,7 @@ fn name_of(length: usize, several: bool) -> String {
 }
 
 /// The field that is the time by its name.
+#[cfg(any(feature = "json", feature = "npz", feature = "mat", feature = "hdf5", feature = "parquet"))]
 pub(crate) fn time_of(fields: &[Field]) -> Option<usize> {
     let is = |wanted: &dyn Fn(&str) -> bool| fields.iter().position(|f| wanted(&f.name));
     is(&|n| n == "t")
