@@ -135,7 +135,7 @@ impl Grams {
         columns: &[Vec<Vec<f64>>],
         column: &[Vec<f64>],
     ) -> Border {
-        let of = |(((run, segments), columns), own): (((&RunGrams, &[Segment]), &Vec<Vec<f64>>), &Vec<f64>)| {
+        let of = |run: &RunGrams, segments: &[Segment], columns: &[Vec<f64>], own: &[f64]| {
             let width = run.width + 1;
             let mut products = vec![0.0; self.outputs * self.bands * width];
             widest(
@@ -153,7 +153,8 @@ impl Grams {
             );
             products
         };
-        Border { runs: self.runs.iter().zip(segments).zip(columns).zip(column).map(of).collect() }
+        let runs = self.runs.iter().zip(segments).zip(columns.iter().zip(column));
+        Border { runs: runs.map(|((run, segments), (columns, own))| of(run, segments, columns, own)).collect() }
     }
 
     /// With more shared columns behind those that are there; `cross` are the products of each of them with those before it, run by run (outputs x bands).

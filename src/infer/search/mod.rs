@@ -5,8 +5,8 @@ mod feedback;
 mod noise_course;
 mod proposals;
 mod random_effect;
-mod search;
 mod separating;
+mod sets;
 mod state;
 mod verdict;
 

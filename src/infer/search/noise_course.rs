@@ -3,7 +3,7 @@
 //! Noise may grow with its signal (asked before anything is searched for), and it may be larger in parts of the records than in others: after a
 //! release, in a gust, in one run. An effect that only takes up what one part has beyond the others is then not needed any more.
 
-use super::search::Fitted;
+use super::sets::Fitted;
 use super::state::{Ground, State};
 use crate::candidates::predictor::responses;
 use crate::evidence::noise::ROUGHNESS;

@@ -306,8 +306,8 @@ impl Ground<'_> {
                     PlaceKind::Coefficient => 0..2 * OF_COEFFICIENT,
                     _ => 2..2 * WAVES,
                 };
-                let (mut logs, mut curve): (Vec<f64>, (f64, Vec<(usize, f64)>)) =
-                    (Vec::new(), (f64::NEG_INFINITY, Vec::new()));
+                let mut logs: Vec<f64> = Vec::new();
+                let mut curve: (f64, Vec<(usize, f64)>) = (f64::NEG_INFINITY, Vec::new());
                 for smooth in [true, false] {
                     let scale = |c: usize| {
                         let m = (1 + c / 2) as f64;

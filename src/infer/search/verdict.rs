@@ -3,8 +3,8 @@
 use super::curve::curve;
 use super::feedback::feedback;
 use super::random_effect::{Unnamed, log_sum};
-use super::search::{self, Fitted, GROUP, Search};
 use super::separating::separating;
+use super::sets::{self, Fitted, GROUP, Search};
 use super::state::{Ground, State};
 use crate::candidates::DiagnosisError;
 use crate::candidates::extended_model::place;
@@ -232,7 +232,7 @@ impl Judge<'_> {
     }
 
     /// Stages of the search as they are written.
-    fn front(&self, found: &search::Found, last: Option<&WrittenModel>) -> Vec<FrontModel> {
+    fn front(&self, found: &sets::Found, last: Option<&WrittenModel>) -> Vec<FrontModel> {
         let null = found.null.1.log;
         let stages = if last.is_some() { &found.stages[..] } else { &found.stages[..1] };
         let end = stages.len() - 1;
@@ -347,7 +347,7 @@ impl Beside {
 }
 
 /// Every kind of explanation with its probability, the likeliest first. Effects may be there alone, or with something unnamed beside them (`left`).
-fn explanations(found: &search::Found, beside: &Beside, left: &Beside) -> Vec<Explanation> {
+fn explanations(found: &sets::Found, beside: &Beside, left: &Beside) -> Vec<Explanation> {
     let gained = found.best.1.log - found.null.1.log;
     // sets that are likelier than nothing and predict worse have no name that can be told
     let (effects, nameless) = match found.best.0.effects.is_empty() {
@@ -384,7 +384,7 @@ fn unnamed(found: Unnamed) -> UnnamedCause {
 }
 
 /// A cause as it is told.
-fn told((state, judged): &Fitted, cause: &search::Cause) -> Cause {
+fn told((state, judged): &Fitted, cause: &sets::Cause) -> Cause {
     let placed = &state.effects[cause.effect];
     let own = place(&placed.candidate);
     let q = judged.evidence.mean.len();
