@@ -289,6 +289,7 @@ pub(crate) fn doctor_alone(
         name,
         unit,
         values: values.as_array().to_vec(),
+        texts: Vec::new(),
     };
     let table = |(name, time, fields): Table<'_>| {
         (name, Topic { name: String::new(), time, fields: fields.into_iter().map(field).collect() })
