@@ -286,7 +286,10 @@ fn heading(field: &Field) -> Heading {
 mod tests {
     use super::*;
 
-    fn table(text: &str) -> (usize, Vec<String>, Vec<(usize, Vec<f64>)>) {
+    /// Rows with their lines.
+    type Rows = Vec<(usize, Vec<f64>)>;
+
+    fn table(text: &str) -> (usize, Vec<String>, Rows) {
         let table = Table::of_text(text.as_bytes().to_vec()).unwrap();
         let rows = (0..table.rows()).map(|k| (table.line(k), table.columns.iter().map(|c| c.values[k]).collect()));
         (table.header_line.unwrap(), table.headings().map(|h| h.title.clone()).collect(), rows.collect())
