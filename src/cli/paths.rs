@@ -27,6 +27,7 @@ enum Role {
 /// Arguments that name what is written; every other one that takes a path names what is read.
 fn role(verb: &str, argument: &str) -> Role {
     match (verb, argument) {
+        ("new", "from") => Role::Read,
         // results of one job are added to each other
         ("fmt" | "new" | "plan" | "import", _) | ("run", "out") => Role::Own,
         ("export", "output") => Role::File(Kind::Export),

@@ -200,7 +200,7 @@ mod tests {
                 compile(&found.source).map(|c| c.model).unwrap_or_else(|e| panic!("{}: {e:?}", found.source.text()));
             assert!(model.param(coefficient).is_none() && found.nodes.iter().all(|n| model.param(n).is_some()));
             assert_eq!((model.params.len(), model.tables.len()), (7, 1), "{}", found.source.text());
-            assert_eq!(model.tables[0].smooth, Some(2));
+            assert_eq!(model.tables[0].smooth, Some(1));
         }
         let pair = Dependence { coefficient: "Ma".into(), signal: "alpha".into() };
         let found = text.tabulated(&pair, &rad, &nodes, "cubic").unwrap();
