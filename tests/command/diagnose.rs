@@ -149,7 +149,7 @@ fn an_input_that_follows_the_states_is_told() {
     let found = of("diagnose held.fdm --data loop.csv --zoh rudder --json -q");
     let input = &found["feedback"]["inputs"][0];
     assert!(input["input"] == "rudder" && input["explained"].as_f64().unwrap() > 0.8, "{input}");
-    // what the rudder does and what the damping does is one thing in such a record: neither can be seen to change
+    // what the rudder does and what the damping does is one thing in such a record: what the rudder does cannot be seen to change
     let hidden: Vec<String> = found["feedback"]["hidden"]
         .as_array()
         .unwrap()
@@ -159,7 +159,7 @@ fn an_input_that_follows_the_states_is_told() {
             format!("{}({})", p["effect"].as_str().unwrap(), targets.join(", "))
         })
         .collect();
-    for parameter in ["time_varying_parameter(T)", "input_scale(rudder)"] {
+    for parameter in ["time_varying_parameter(K)", "input_scale(rudder)"] {
         assert!(hidden.iter().any(|place| place == parameter), "{hidden:?}");
     }
     let said = desk.good("diagnose held.fdm --data loop.csv --zoh rudder -q");
