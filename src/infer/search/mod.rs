@@ -9,4 +9,5 @@ mod separating;
 mod state;
 mod verdict;
 
+pub(crate) use random_effect::log_sum;
 pub use verdict::diagnose;
