@@ -115,6 +115,14 @@ impl Binning {
     }
 }
 
+impl Binning {
+    /// Bins of an output over all runs.
+    pub(crate) fn noise_bins(&self, output: usize) -> f64 {
+        let own = self.runs.iter().flat_map(|r| &r.segments).filter(|s| s.place / self.bands == output);
+        own.map(|s| s.end - s.begin).sum::<usize>() as f64
+    }
+}
+
 impl RunBins {
     fn empty(outputs: usize) -> Self {
         Self { places: Vec::new(), length: 0, segments: Vec::new(), deviations: None, outputs }

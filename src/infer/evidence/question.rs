@@ -61,6 +61,13 @@ impl Question<'_> {
         self.answer_within(ROUNDS, weights)
     }
 
+    /// Where the unknowns are likeliest under weights that stay; nothing is asked of the noise.
+    pub(crate) fn step(&self, weights: &[f64]) -> Option<Evidence> {
+        let mut state = Posterior::new(*self, Some(weights));
+        state.solve()?;
+        Some(state.ended(f64::NAN))
+    }
+
     /// As [`Self::answer`], in so many rounds at most.
     pub(crate) fn answer_within(&self, rounds: usize, weights: Option<&[f64]>) -> Option<Evidence> {
         let mut state = Posterior::new(*self, weights);

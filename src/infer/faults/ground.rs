@@ -12,6 +12,7 @@ use fdm_doctor::{Balance, Channels, Edit, Estimated, Fault, Hypothesis, Record, 
 use fdm_estimate::residuals::residuals;
 use fdm_estimate::{Changes, Work, starts};
 use fdm_numeric::parallel;
+use fdm_numeric::statistics::log_normal_cdf;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::{Simulator, StepOptions, Steps, choose_steps};
@@ -19,6 +20,8 @@ use fdm_system::simulate::{Simulator, StepOptions, Steps, choose_steps};
 /// Gauss-Newton steps of a refit, and the promised gain (nats) at which none is worth making.
 const STEPS: usize = 10;
 const SETTLED: f64 = 0.05;
+/// Promised gain (nats of white noise) at which a plain fit is near enough.
+const PLAINLY: f64 = 0.5;
 /// Parts of a step that are tried.
 const PARTS: [f64; 4] = [1.0, 0.5, 0.2, 0.05];
 /// Half of all values of parameters are within this factor of the value in the text, and one in so many has another sign.
@@ -353,7 +356,7 @@ impl<'a> Ground<'a> {
             Some(rounds) => question.answer_within(rounds, weights)?,
             None => question.answer(weights)?,
         };
-        let prior = self.log_prior(point, &evidence);
+        let prior = self.log_prior(point, &grams, &evidence);
         let promised = evidence.log + prior;
         let log = promised - evidence.gain;
         log.is_finite().then_some(Judged { evidence, log, promised })
@@ -369,7 +372,7 @@ impl<'a> Ground<'a> {
     }
 
     /// Log prior of sizes and of values of parameters; that of kinds and places is the search's.
-    fn log_prior(&self, point: &Point, evidence: &Evidence) -> f64 {
+    fn log_prior(&self, point: &Point, grams: &Grams, evidence: &Evidence) -> f64 {
         let q = evidence.mean.len();
         let error = |k: usize| evidence.covariance[k * q + k].max(0.0).sqrt();
         let (mut sum, mut at) = (0.0, self.shared.len());
@@ -380,17 +383,78 @@ impl<'a> Ground<'a> {
             at += 1;
         }
         let params = &self.model.definition().params;
-        for (k, param) in self.shared.iter().enumerate() {
+        // the density over the logarithm of each value, about the one in the text: no unit of a parameter enters
+        for (k, param) in self.shared.iter().enumerate().filter(|(_, p)| params[**p].value != 0.0) {
             let (start, found) = (params[*param].value, point.theta[0][*param] + evidence.mean[k]);
-            // a value that the record hardly determines says nothing
-            if start == 0.0 || 2.0 * error(k) > found.abs().max(start.abs()) {
-                continue;
-            }
-            let ratio = found / start;
-            sum -= if ratio == 0.0 { 0.0 } else { (1.0 + (ratio.abs().ln() / USUAL).powi(2)).ln() };
-            sum -= if ratio < 0.0 { TURNED.ln() } else { 0.0 };
+            let size = found.hypot(error(k)).max(f64::MIN_POSITIVE);
+            let ratio = size / start.abs();
+            let turned = log_normal_cdf(found * start.signum() / error(k).max(f64::MIN_POSITIVE)).max(-TURNED.ln());
+            sum += turned - ratio.ln() - (1.0 + (ratio.ln() / USUAL).powi(2)).ln();
         }
+        sum += self.log_prior_of_runs(point, grams, evidence);
         sum + if point.faults.is_empty() { 0.0 } else { self.witness.gain(&point.edits(), &self.balances) }
+    }
+
+    /// What belongs to a run is log-uniform, smoothed within its error: no unit of a state enters.
+    fn log_prior_of_runs(&self, point: &Point, grams: &Grams, evidence: &Evidence) -> f64 {
+        let mut sum = 0.0;
+        for ((run, theta), own) in grams.runs().iter().zip(&point.theta).zip(&evidence.own) {
+            for (k, (param, step)) in self.own.iter().zip(own).enumerate() {
+                let diagonal = run.products.chunks_exact(run.width * run.width).map(|matrix| matrix[k * run.width + k]);
+                let information: f64 = diagonal.zip(&evidence.weights).map(|(v, w)| v * w).sum();
+                let value = theta[*param] + step;
+                sum -= value.hypot(information.powf(-0.5).min(f64::MAX)).max(f64::MIN_POSITIVE).ln();
+            }
+        }
+        sum
+    }
+
+    /// The sum over outputs of what a point leaves, in half of the logarithms of its squares: the likelihood of white noise, turned round. Its columns
+    /// go where they leave least.
+    fn plain(&self, grams: &Grams) -> Option<(f64, Evidence)> {
+        let q = self.outputs();
+        let precision = vec![0.0; grams.shared()];
+        let question = Question { grams, noise: &self.binning.noise, precision: &precision, own: &[] };
+        let bins = |o: usize| self.binning.noise_bins(o);
+        let mut powers: Vec<f64> = (0..q).map(|o| grams.residual_powers(o).iter().sum()).collect();
+        let mut evidence = None;
+        for _ in 0..2 {
+            let weights: Vec<f64> = (0..q)
+                .flat_map(|o| std::iter::repeat_n(bins(o) / powers[o].max(f64::MIN_POSITIVE), self.binning.bands))
+                .collect();
+            let found = question.step(&weights)?;
+            powers = (0..q).map(|o| grams.left(o, &found.mean, &found.own)).collect();
+            evidence = Some(found);
+        }
+        let left = (0..q).filter(|o| powers[*o] > 0.0).map(|o| 0.5 * bins(o) * (powers[o] / bins(o)).ln()).sum();
+        Some((left, evidence?))
+    }
+
+    /// What a point leaves by white noise, after a step to where that is least.
+    pub(crate) fn plainly_left(&self, point: &Point, responses: &Responses) -> Option<f64> {
+        Some(self.plain(&self.grams(point, responses)?)?.0)
+    }
+
+    /// A point after a few steps of a plain fit: where a phase is off by periods, or the fit was led astray, the noise that is found beside it hides the
+    /// way.
+    pub(crate) fn plainly(&self, mut point: Point) -> Option<Point> {
+        for _ in 0..STEPS {
+            if !self.work.goes_on() {
+                return None;
+            }
+            let grams = self.grams(&point, &self.responses(&point.theta, &point.edits(), true)?)?;
+            let (_, step) = self.plain(&grams)?;
+            if step.gain < PLAINLY {
+                break;
+            }
+            let before = self.weighted(&point, &step.weights);
+            let mut tried = PARTS.iter().map(|part| self.moved(&point, &step, *part));
+            match tried.find(|next| self.weighted(next, &step.weights) < before) {
+                Some(next) => point = next,
+                None => break,
+            }
+        }
+        Some(point)
     }
 
     /// A part of the step that the evidence proposes, within bounds.

@@ -193,7 +193,9 @@ fn beside(
         }
     };
     let ground = Ground::new(model, (fitted, &fewer, every), (runs, witness), work)?;
-    let start = ground.refit(Point { theta: base.fitted.theta.clone(), faults: Vec::new() }, None)?;
+    let at = |theta: &Vec<Vec<f64>>| ground.refit(Point { theta: theta.clone(), faults: Vec::new() }, None);
+    let both = [at(&base.fitted.theta), at(&ground.text)];
+    let start = both.into_iter().flatten().max_by(|a, b| a.1.log.total_cmp(&b.1.log))?;
     let search = Search { ground: &ground, timed, estimated: options.estimated, most: options.most, needed: options.odds.ln(), pace };
     let null = start.clone();
     let found = search.run(start);

@@ -9,7 +9,7 @@ use fdm_numeric::parallel;
 /// Kinds of estimated faults for each channel, with their shares of the prior probability.
 const SHARE: f64 = 3.0;
 /// Hypotheses that are refitted, from each of the places where they begin.
-const REFITTED: usize = 6;
+const REFITTED: usize = 4;
 /// Rounds of noise and unknowns by which hypotheses are ranked.
 const ROUNDS: usize = 2;
 /// Errors that a size must have.
@@ -141,12 +141,20 @@ impl Search<'_> {
             count += 1;
         }
         let text = Point { theta: ground.text.clone(), ..point.clone() };
-        let mut begun: Vec<(usize, f64, Point)> = Vec::new();
+        let plain = |point: &Point| {
+            let responses = ground.responses(&point.theta, &point.edits(), true)?;
+            ground.plainly_left(point, &responses)
+        };
+        let Some(left) = plain(point) else { return (Vec::new(), 0) };
+        let mut begun: Vec<(bool, Point)> = Vec::new();
         for start in [point, &text] {
-            begun.extend(self.ranked(start, judged, &tried, count));
+            begun.extend(self.ranked(start, (judged, left), &tried, count));
         }
         let fits = tried.len() + begun.len();
-        let refitted = |(_, _, begun): (usize, f64, Point)| self.weighed(begun, whole, (point, judged));
+        let refitted = |(plainly, begun): (bool, Point)| {
+            let begun = if plainly { ground.plainly(begun)? } else { begun };
+            self.weighed(begun, whole, (point, judged, left))
+        };
         let mut found: Vec<Weighed> = parallel::map(begun, refitted).into_iter().flatten().collect();
         found.sort_by(|a, b| b.log.total_cmp(&a.log));
         let mut known: Vec<Planted> = Vec::new();
@@ -220,11 +228,12 @@ impl Search<'_> {
         sizes
     }
 
-    /// The likeliest hypotheses from a start, to first order, each at its likeliest size.
-    fn ranked(&self, start: &Point, judged: &Judged, tried: &[(usize, Planted)], count: usize) -> Vec<(usize, f64, Point)> {
+    /// The likeliest hypotheses from a start, to first order, each at its likeliest size: by their own noise, and by white noise. Those by which the
+    /// response matches no better are none: noise of any colour would take the place of the motion.
+    fn ranked(&self, start: &Point, (judged, plain): (&Judged, f64), tried: &[(usize, Planted)], count: usize) -> Vec<(bool, Point)> {
         let ground = self.ground;
         let Some(base) = ground.responses(&start.theta, &start.edits(), true) else { return Vec::new() };
-        let promise = |(kind, planted): &(usize, Planted)| -> Option<(usize, f64, Point)> {
+        let promise = |(kind, planted): &(usize, Planted)| -> Option<(usize, [f64; 2], Point)> {
             if !ground.work.goes_on() {
                 return None;
             }
@@ -237,27 +246,34 @@ impl Search<'_> {
                     &own
                 }
             };
-            let found = ground.judged(&point, responses, Some(ROUNDS), None)?;
-            Some((*kind, found.promised + planted.weight().ln(), point))
+            let witness = ground.witness.gain(&point.edits(), &ground.balances);
+            let weight = planted.weight().ln();
+            let gained = plain - ground.plainly_left(&point, responses)? + witness + weight;
+            let promised = match gained > 0.0 {
+                true => ground.judged(&point, responses, Some(ROUNDS), None)?.promised + weight - judged.log,
+                false => f64::NEG_INFINITY,
+            };
+            Some((*kind, [promised, gained], point))
         };
-        let all = parallel::map(tried.iter(), promise);
-        let mut best: Vec<Option<(usize, f64, Point)>> = vec![None; count];
-        for found in all.into_iter().flatten() {
-            let own = &mut best[found.0];
-            if own.as_ref().is_none_or(|known| found.1 > known.1) {
-                *own = Some(found);
+        let all: Vec<(usize, [f64; 2], Point)> = parallel::map(tried.iter(), promise).into_iter().flatten().collect();
+        let mut begun = Vec::new();
+        for by in 0..2 {
+            let mut best: Vec<Option<&(usize, [f64; 2], Point)>> = vec![None; count];
+            for found in all.iter().filter(|f| f.1[by] > 0.0) {
+                let own = &mut best[found.0];
+                if own.is_none_or(|known| found.1[by] > known.1[by]) {
+                    *own = Some(found);
+                }
             }
+            let mut best: Vec<&(usize, [f64; 2], Point)> = best.into_iter().flatten().collect();
+            best.sort_by(|a, b| b.1[by].total_cmp(&a.1[by]));
+            begun.extend(best.into_iter().take(REFITTED).map(|(_, _, point)| (by == 1, point.clone())));
         }
-        let mut best: Vec<(usize, f64, Point)> = best.into_iter().flatten().collect();
-        best.sort_by(|a, b| b.1.total_cmp(&a.1));
-        // what promises no more than nothing is none
-        best.retain(|b| b.1 > judged.log);
-        best.truncate(REFITTED);
-        best
+        begun
     }
 
     /// A hypothesis refitted; none where its size says nothing.
-    fn weighed(&self, begun: Point, whole: f64, (before, than): (&Point, &Judged)) -> Option<Weighed> {
+    fn weighed(&self, begun: Point, whole: f64, (before, than, plain): (&Point, &Judged, f64)) -> Option<Weighed> {
         let ground = self.ground;
         let (point, judged) = ground.refit(begun, None)?;
         let k = before.faults.len();
@@ -276,6 +292,11 @@ impl Search<'_> {
             if !matters || size.abs() < SIGMAS * error {
                 return None;
             }
+        }
+        let witness = ground.witness.gain(&point.edits(), &ground.balances);
+        let left = ground.plainly_left(&point, &ground.responses(&point.theta, &point.edits(), true)?)?;
+        if left > plain + witness {
+            return None;
         }
         let prior = planted.weight().ln() - whole.ln();
         Some(Weighed { log: judged.log - than.log + prior, planted, prior, point, judged })
