@@ -6,27 +6,16 @@ use crate::candidates::fitted_model::FittedModel;
 use crate::candidates::runs::Runs;
 use crate::evidence::binning::Binning;
 use crate::evidence::gram::Grams;
-use crate::evidence::prior::{Sign, of_amount};
-use crate::evidence::question::{Evidence, Question};
 use fdm_doctor::{Balance, Channels, Edit, Estimated, Fault, Hypothesis, Record, Slot, Witness, edited};
 use fdm_estimate::residuals::residuals;
-use fdm_estimate::{Changes, Work, starts};
+use fdm_estimate::{Changes, Work, starts, with_initials};
+use fdm_grammar::graph::Leaf;
+use fdm_grammar::model::Origin;
 use fdm_numeric::parallel;
-use fdm_numeric::statistics::log_normal_cdf;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::{Simulator, StepOptions, Steps, choose_steps};
 
-/// Gauss-Newton steps of a refit, and the promised gain (nats) at which none is worth making.
-const STEPS: usize = 10;
-const SETTLED: f64 = 0.05;
-/// Promised gain (nats of white noise) at which a plain fit is near enough.
-const PLAINLY: f64 = 0.5;
-/// Parts of a step that are tried.
-const PARTS: [f64; 4] = [1.0, 0.5, 0.2, 0.05];
-/// Half of all values of parameters are within this factor of the value in the text, and one in so many has another sign.
-const USUAL: f64 = std::f64::consts::LN_2;
-const TURNED: f64 = 1000.0;
 /// Part of an output's deviation by which its zero is moved for a derivative; of offsets the derivative is exact.
 const SMALL: f64 = 1e-3;
 
@@ -37,6 +26,8 @@ pub(crate) enum Planted {
     Discrete(Hypothesis),
     /// Of this size.
     Sized(Estimated, f64),
+    /// A state (its place among [`Ground::stated`]) begins in each run where the record has it, and not where the model says.
+    Beginning(usize),
 }
 
 impl Planted {
@@ -45,6 +36,7 @@ impl Planted {
         match self {
             Self::Discrete(hypothesis) => hypothesis.edits.clone(),
             Self::Sized(fault, size) => vec![fault.edit(*size)],
+            Self::Beginning(_) => Vec::new(),
         }
     }
 
@@ -53,6 +45,7 @@ impl Planted {
         match self {
             Self::Discrete(hypothesis) => hypothesis.weight,
             Self::Sized(fault, size) => fault.weight(*size),
+            Self::Beginning(_) => 1.0,
         }
     }
 
@@ -60,6 +53,7 @@ impl Planted {
         match self {
             Self::Discrete(hypothesis) => hypothesis.fault,
             Self::Sized(fault, _) => fault.fault,
+            Self::Beginning(_) => Fault::Beginning,
         }
     }
 
@@ -67,6 +61,7 @@ impl Planted {
         match self {
             Self::Discrete(hypothesis) => hypothesis.slots.clone(),
             Self::Sized(fault, _) => vec![fault.slot],
+            Self::Beginning(_) => Vec::new(),
         }
     }
 
@@ -75,6 +70,7 @@ impl Planted {
         match (self, other) {
             (Self::Discrete(a), Self::Discrete(b)) => a.edits == b.edits,
             (Self::Sized(a, _), Self::Sized(b, _)) => a == b,
+            (Self::Beginning(a), Self::Beginning(b)) => a == b,
             _ => false,
         }
     }
@@ -109,18 +105,34 @@ impl Point {
 pub(crate) struct Responses {
     time: Vec<Vec<f64>>,
     y: Vec<Signals>,
-    /// Shared columns, then those of each run.
+    /// Of each run, the derivatives by these parameters.
+    asked: Vec<usize>,
     columns: Vec<Vec<Signals>>,
 }
 
-/// A point judged.
-#[derive(Clone)]
-pub(crate) struct Judged {
-    pub(crate) evidence: Evidence,
-    /// Log evidence and log prior as the point stands.
-    pub(crate) log: f64,
-    /// As it would be after the step that is promised.
-    pub(crate) promised: f64,
+/// A state whose initial value the model states as a constant.
+pub(crate) struct Stated {
+    /// The parameter of each run that stands in its place.
+    pub(crate) param: usize,
+    pub(crate) name: String,
+    pub(crate) unit: Option<String>,
+}
+
+/// The model with the stated constants as parameters, and what it states.
+pub(crate) fn doubted(model: &Model, theta: &[f64]) -> (Model, Vec<Stated>) {
+    let definition = model.definition();
+    let computed = definition.graph.depends(|leaf| !matches!(leaf, Leaf::Param(k) if definition.params[k as usize].fixed));
+    let extended = with_initials(model, theta, &|state| !computed[definition.states[state].initial.index()]);
+    let own = extended.definition().params.iter().enumerate().skip(definition.params.len());
+    let stated = own.filter_map(|(param, own)| match own.origin {
+        Origin::FreeInitial(state) => {
+            let state = &definition.states[state as usize].quantity;
+            Some(Stated { param, name: state.name.clone(), unit: state.unit.as_ref().map(ToString::to_string) })
+        }
+        _ => None,
+    });
+    let stated = stated.collect();
+    (extended, stated)
 }
 
 /// See the module.
@@ -136,10 +148,12 @@ pub(crate) struct Ground<'a> {
     pub(crate) every: usize,
     /// Measured outputs of each run at these samples.
     measured: Vec<Signals>,
-    binning: Binning,
+    pub(crate) binning: Binning,
     steps: Vec<Steps>,
-    shared: Vec<usize>,
-    own: Vec<usize>,
+    pub(crate) shared: Vec<usize>,
+    /// Parameters of each run, without those of `stated`.
+    pub(crate) own: Vec<usize>,
+    pub(crate) stated: Vec<Stated>,
     /// Values in the text.
     pub(crate) text: Vec<Vec<f64>>,
     /// Deviation of each output, and the mean interval between samples that are compared.
@@ -150,9 +164,9 @@ pub(crate) struct Ground<'a> {
 }
 
 impl<'a> Ground<'a> {
-    /// Of a model at its fit (of `every`-th samples of the runs), with the records of the runs.
+    /// Of a model (of [`doubted`]) at its fit (of `every`-th samples of the runs), with the records of the runs.
     pub(crate) fn new(
-        model: &'a Model,
+        (model, stated): (&'a Model, Vec<Stated>),
         (fitted, compared, every): (&FittedModel, &[Run], usize),
         (runs, witness): (&'a [Run], &'a Witness<'a>),
         work: &'a Work<'a>,
@@ -161,7 +175,13 @@ impl<'a> Ground<'a> {
         let all = Runs { all: compared, train: compared.len(), domain: &domain };
         let binning = Binning::new(fitted, all);
         let params = &model.definition().params;
-        let pick = |own: bool| (0..params.len()).filter(|k| !params[*k].fixed && params[*k].per_run == own).collect();
+        let known = |k: &usize| stated.iter().any(|s| s.param == *k);
+        let pick = |own: bool| -> Vec<usize> {
+            (0..params.len()).filter(|k| !params[*k].fixed && params[*k].per_run == own && !known(k)).collect()
+        };
+        let (shared, own) = (pick(false), pick(true));
+        let mut text = starts(model, runs, &Changes::default());
+        text.iter_mut().for_each(|theta| stated.iter().for_each(|s| theta[s.param] = params[s.param].value));
         let steps: Vec<Steps> = fitted.predictors.iter().filter_map(|p| p.steps().cloned()).collect();
         let q = fitted.outputs();
         let deviation = |o: usize| {
@@ -182,9 +202,10 @@ impl<'a> Ground<'a> {
             measured: compared.iter().map(|r| r.measured.clone()).collect(),
             binning,
             steps,
-            shared: pick(false),
-            own: pick(true),
-            text: starts(model, runs, &Changes::default()),
+            shared,
+            own,
+            stated,
+            text,
             deviations: (0..q).map(deviation).collect(),
             interval,
             span,
@@ -192,8 +213,31 @@ impl<'a> Ground<'a> {
         })
     }
 
-    fn outputs(&self) -> usize {
+    pub(crate) fn outputs(&self) -> usize {
         self.deviations.len()
+    }
+
+    /// Samples of a run that are compared.
+    pub(crate) fn samples(&self, r: usize) -> usize {
+        self.measured[r].len() / self.outputs()
+    }
+
+    /// The unknowns of each run beside these faults.
+    pub(crate) fn own(&self, faults: &[Planted]) -> Vec<usize> {
+        let begun = faults.iter().filter_map(|f| if let Planted::Beginning(k) = f { Some(self.stated[*k].param) } else { None });
+        self.own.iter().copied().chain(begun).collect()
+    }
+
+    /// All unknowns of a point but sizes: shared ones, then those of each run.
+    pub(crate) fn unknowns(&self, faults: &[Planted]) -> Vec<usize> {
+        [&self.shared[..], &self.own(faults)].concat()
+    }
+
+    /// As [`Self::unknowns`], with all initial values that the model states.
+    pub(crate) fn all_unknowns(&self, faults: &[Planted]) -> Vec<usize> {
+        let mut all = self.unknowns(faults);
+        all.extend(self.stated.iter().map(|s| s.param).filter(|p| !all.contains(p)).collect::<Vec<_>>());
+        all
     }
 
     /// Whether edits leave all inputs, times and parameters as they are.
@@ -229,8 +273,8 @@ impl<'a> Ground<'a> {
         theta
     }
 
-    /// Responses, with derivatives or without.
-    pub(crate) fn responses(&self, theta: &[Vec<f64>], edits: &[Edit], derivatives: bool) -> Option<Responses> {
+    /// Responses, with derivatives by these parameters.
+    pub(crate) fn responses(&self, theta: &[Vec<f64>], edits: &[Edit], asked: &[usize]) -> Option<Responses> {
         let (dynamics, q, edits) = (self.model.dynamics(), self.outputs(), self.simulated(edits));
         let of = |r: usize| -> Option<(Vec<f64>, Signals, Vec<Signals>)> {
             let (run, steps, paced) = self.run(r, &edits)?;
@@ -242,19 +286,18 @@ impl<'a> Ground<'a> {
             let mut simulator = Simulator::new(dynamics, &run, steps).ok()?;
             simulator.suits(&theta).ok()?;
             let mut y = vec![0.0; run.len() * q];
-            if !derivatives {
+            if asked.is_empty() {
                 simulator.simulate(&theta, &mut y).ok()?;
                 return Some((run.time.clone(), y, Vec::new()));
             }
-            let asked = [&self.shared[..], &self.own].concat();
             let stride = asked.len().next_multiple_of(fdm_numeric::lanes::VECTOR);
             let mut jacobian = vec![0.0; y.len() * stride];
-            simulator.sensitivities(&theta, &asked, &mut y, &mut jacobian).ok()?;
+            simulator.sensitivities(&theta, asked, &mut y, &mut jacobian).ok()?;
             let column = |c: usize| -> Signals { jacobian.chunks_exact(stride.max(1)).map(|row| row[c]).collect() };
             Some((run.time.clone(), y, (0..asked.len()).map(column).collect()))
         };
         let all = parallel::map(0..self.runs.len(), of).into_iter().collect::<Option<Vec<_>>>()?;
-        let mut found = Responses { time: Vec::new(), y: Vec::new(), columns: Vec::new() };
+        let mut found = Responses { time: Vec::new(), y: Vec::new(), asked: asked.to_vec(), columns: Vec::new() };
         for (time, y, columns) in all {
             found.time.push(time);
             found.y.push(y);
@@ -264,7 +307,7 @@ impl<'a> Ground<'a> {
     }
 
     /// What responses leave of a run's record, as edits have its outputs.
-    fn residual(&self, r: usize, responses: &Responses, edits: &[Edit]) -> Signals {
+    pub(crate) fn residual(&self, r: usize, responses: &Responses, edits: &[Edit]) -> Signals {
         let mut y = responses.y[r].clone();
         undone(edits, &responses.time[r], self.outputs(), false, &mut y);
         let turned = &self.model.layout().wraps;
@@ -280,8 +323,8 @@ impl<'a> Ground<'a> {
         (self.residual(r, responses, edits), responses.time[r].clone())
     }
 
-    /// Residual and columns of a point in bins; the last shared columns are the sizes of faults, in their order.
-    pub(crate) fn grams(&self, point: &Point, responses: &Responses) -> Option<Grams> {
+    /// Columns of a point in bins, run by run: its own, the residual, parameters, and sizes of faults in their order.
+    pub(crate) fn columns(&self, point: &Point, responses: &Responses) -> Option<Vec<Vec<Vec<f64>>>> {
         let (q, edits) = (self.outputs(), point.edits());
         let residuals: Vec<Signals> = (0..self.runs.len()).map(|r| self.residual(r, responses, &edits)).collect();
         let mut sizes: Vec<Vec<Signals>> = Vec::new();
@@ -295,7 +338,7 @@ impl<'a> Ground<'a> {
             let there = match self.keeps_inputs(&fault.edit(*size)) {
                 true => responses,
                 false => {
-                    own = self.responses(&point.theta, &edits, false)?;
+                    own = self.responses(&point.theta, &edits, &[])?;
                     &own
                 }
             };
@@ -305,26 +348,32 @@ impl<'a> Ground<'a> {
             };
             sizes.push((0..self.runs.len()).map(of).collect());
         }
-        let common = self.shared.len();
-        let mut grams = Grams::new(self.binning.outputs, self.binning.bands, common + sizes.len());
-        for r in 0..self.runs.len() {
+        let places = |params: &[usize]| -> Option<Vec<usize>> {
+            params.iter().map(|p| responses.asked.iter().position(|a| a == p)).collect()
+        };
+        let (own, shared) = (places(&self.own(&point.faults))?, places(&self.shared)?);
+        let of = |r: usize| {
             let bins = &self.binning.runs[r];
-            let behind = |column: &Signals| {
-                let mut column = column.clone();
+            let behind = |place: &usize| {
+                let mut column = responses.columns[r][*place].clone();
                 undone(&edits, &responses.time[r], q, true, &mut column);
                 bins.of(&column, false)
             };
-            let (shared, own) = responses.columns[r].split_at(common);
             let mut columns: Vec<Vec<f64>> = own.iter().map(behind).collect();
             columns.push(bins.of(&residuals[r], false));
             columns.extend(shared.iter().map(behind));
             columns.extend(sizes.iter().map(|s| bins.of(&s[r], false)));
-            if !columns.iter().flatten().all(|v| v.is_finite()) {
-                return None;
-            }
-            grams.add(self.own.len(), &bins.segments, &columns);
-        }
-        Some(grams)
+            columns.iter().flatten().all(|v| v.is_finite()).then_some(columns)
+        };
+        (0..self.runs.len()).map(of).collect()
+    }
+
+    /// Products of columns (of [`Self::columns`]), so many of which belong to each run.
+    pub(crate) fn grams(&self, columns: &[Vec<Vec<f64>>], own: usize) -> Grams {
+        let shared = columns.first().map_or(0, |c| c.len() - own - 1);
+        let mut grams = Grams::new(self.binning.outputs, self.binning.bands, shared);
+        columns.iter().zip(&self.binning.runs).for_each(|(columns, bins)| grams.add(own, &bins.segments, columns));
+        grams
     }
 
     /// A step of a size for its derivative.
@@ -345,207 +394,5 @@ impl<'a> Ground<'a> {
             Fault::Offset => SMALL * deviation.max(f64::MIN_POSITIVE),
             _ => SMALL,
         }
-    }
-
-    /// The evidence of a point whose responses these are, by so many rounds, its noise begun at these weights.
-    pub(crate) fn judged(&self, point: &Point, responses: &Responses, rounds: Option<usize>, weights: Option<&[f64]>) -> Option<Judged> {
-        let grams = self.grams(point, responses)?;
-        let precision = vec![0.0; grams.shared()];
-        let question = Question { grams: &grams, noise: &self.binning.noise, precision: &precision, own: &[] };
-        let evidence = match rounds {
-            Some(rounds) => question.answer_within(rounds, weights)?,
-            None => question.answer(weights)?,
-        };
-        let prior = self.log_prior(point, &grams, &evidence);
-        let promised = evidence.log + prior;
-        let log = promised - evidence.gain;
-        log.is_finite().then_some(Judged { evidence, log, promised })
-    }
-
-    /// The evidence of a point.
-    pub(crate) fn judge(&self, point: &Point, weights: Option<&[f64]>) -> Option<Judged> {
-        if !self.work.goes_on() {
-            return None;
-        }
-        let responses = self.responses(&point.theta, &point.edits(), true)?;
-        self.judged(point, &responses, None, weights)
-    }
-
-    /// Log prior of sizes and of values of parameters; that of kinds and places is the search's.
-    fn log_prior(&self, point: &Point, grams: &Grams, evidence: &Evidence) -> f64 {
-        let q = evidence.mean.len();
-        let error = |k: usize| evidence.covariance[k * q + k].max(0.0).sqrt();
-        let (mut sum, mut at) = (0.0, self.shared.len());
-        for fault in &point.faults {
-            let Planted::Sized(fault, size) = fault else { continue };
-            let sign = if fault.fault == Fault::Filtered { Sign::Positive } else { Sign::Either };
-            sum += of_amount(size + evidence.mean[at], error(at), sign);
-            at += 1;
-        }
-        let params = &self.model.definition().params;
-        // the density over the logarithm of each value, about the one in the text: no unit of a parameter enters
-        for (k, param) in self.shared.iter().enumerate().filter(|(_, p)| params[**p].value != 0.0) {
-            let (start, found) = (params[*param].value, point.theta[0][*param] + evidence.mean[k]);
-            let size = found.hypot(error(k)).max(f64::MIN_POSITIVE);
-            let ratio = size / start.abs();
-            let turned = log_normal_cdf(found * start.signum() / error(k).max(f64::MIN_POSITIVE)).max(-TURNED.ln());
-            sum += turned - ratio.ln() - (1.0 + (ratio.ln() / USUAL).powi(2)).ln();
-        }
-        sum += self.log_prior_of_runs(point, grams, evidence);
-        sum + if point.faults.is_empty() { 0.0 } else { self.witness.gain(&point.edits(), &self.balances) }
-    }
-
-    /// What belongs to a run is log-uniform, smoothed within its error: no unit of a state enters.
-    fn log_prior_of_runs(&self, point: &Point, grams: &Grams, evidence: &Evidence) -> f64 {
-        let mut sum = 0.0;
-        for ((run, theta), own) in grams.runs().iter().zip(&point.theta).zip(&evidence.own) {
-            for (k, (param, step)) in self.own.iter().zip(own).enumerate() {
-                let diagonal = run.products.chunks_exact(run.width * run.width).map(|matrix| matrix[k * run.width + k]);
-                let information: f64 = diagonal.zip(&evidence.weights).map(|(v, w)| v * w).sum();
-                let value = theta[*param] + step;
-                sum -= value.hypot(information.powf(-0.5).min(f64::MAX)).max(f64::MIN_POSITIVE).ln();
-            }
-        }
-        sum
-    }
-
-    /// The sum over outputs of what a point leaves, in half of the logarithms of its squares: the likelihood of white noise, turned round. Its columns
-    /// go where they leave least.
-    fn plain(&self, grams: &Grams) -> Option<(f64, Evidence)> {
-        let q = self.outputs();
-        let precision = vec![0.0; grams.shared()];
-        let question = Question { grams, noise: &self.binning.noise, precision: &precision, own: &[] };
-        let bins = |o: usize| self.binning.noise_bins(o);
-        let mut powers: Vec<f64> = (0..q).map(|o| grams.residual_powers(o).iter().sum()).collect();
-        let mut evidence = None;
-        for _ in 0..2 {
-            let weights: Vec<f64> = (0..q)
-                .flat_map(|o| std::iter::repeat_n(bins(o) / powers[o].max(f64::MIN_POSITIVE), self.binning.bands))
-                .collect();
-            let found = question.step(&weights)?;
-            powers = (0..q).map(|o| grams.left(o, &found.mean, &found.own)).collect();
-            evidence = Some(found);
-        }
-        let left = (0..q).filter(|o| powers[*o] > 0.0).map(|o| 0.5 * bins(o) * (powers[o] / bins(o)).ln()).sum();
-        Some((left, evidence?))
-    }
-
-    /// What a point leaves by white noise, after a step to where that is least.
-    pub(crate) fn plainly_left(&self, point: &Point, responses: &Responses) -> Option<f64> {
-        Some(self.plain(&self.grams(point, responses)?)?.0)
-    }
-
-    /// A point after a few steps of a plain fit: where a phase is off by periods, or the fit was led astray, the noise that is found beside it hides the
-    /// way.
-    pub(crate) fn plainly(&self, mut point: Point) -> Option<Point> {
-        for _ in 0..STEPS {
-            if !self.work.goes_on() {
-                return None;
-            }
-            let grams = self.grams(&point, &self.responses(&point.theta, &point.edits(), true)?)?;
-            let (_, step) = self.plain(&grams)?;
-            if step.gain < PLAINLY {
-                break;
-            }
-            let before = self.weighted(&point, &step.weights);
-            let mut tried = PARTS.iter().map(|part| self.moved(&point, &step, *part));
-            match tried.find(|next| self.weighted(next, &step.weights) < before) {
-                Some(next) => point = next,
-                None => break,
-            }
-        }
-        Some(point)
-    }
-
-    /// A part of the step that the evidence proposes, within bounds.
-    fn moved(&self, point: &Point, evidence: &Evidence, part: f64) -> Point {
-        let (mut moved, params) = (point.clone(), &self.model.definition().params);
-        for (k, step) in self.shared.iter().zip(&evidence.mean) {
-            let value = (point.theta[0][*k] + part * step).clamp(params[*k].lower, params[*k].upper);
-            moved.theta.iter_mut().for_each(|theta| theta[*k] = value);
-        }
-        for (theta, own) in moved.theta.iter_mut().zip(&evidence.own) {
-            for (k, step) in self.own.iter().zip(own) {
-                theta[*k] = (theta[*k] + part * step).clamp(params[*k].lower, params[*k].upper);
-            }
-        }
-        let mut at = self.shared.len();
-        for fault in &mut moved.faults {
-            let Planted::Sized(fault, size) = fault else { continue };
-            let mut step = part * evidence.mean[at];
-            at += 1;
-            match fault.fault {
-                Fault::Delay => step = step.clamp(-4.0 * self.interval, 4.0 * self.interval),
-                Fault::Filtered => step = step.clamp(-0.7 * *size, 2.0 * size.max(self.interval)),
-                Fault::Scale => step = step.clamp(-1.0, 1.0),
-                _ => (),
-            }
-            *size += step;
-        }
-        moved
-    }
-
-    /// Weighted squares of what a point leaves; infinite where it has no response.
-    fn weighted(&self, point: &Point, weights: &[f64]) -> f64 {
-        let edits = point.edits();
-        let Some(responses) = self.responses(&point.theta, &edits, false) else { return f64::INFINITY };
-        let of = |r: usize| -> f64 {
-            let bins = &self.binning.runs[r];
-            let left = bins.of(&self.residual(r, &responses, &edits), false);
-            let power = |begin: usize, end: usize| left[begin..end].iter().map(|v| v * v).sum::<f64>();
-            bins.segments.iter().map(|s| weights[s.place] * power(s.begin, s.end)).sum()
-        };
-        let sum: f64 = (0..self.runs.len()).map(of).sum();
-        if sum.is_finite() { sum } else { f64::INFINITY }
-    }
-
-    /// A point fitted by its own noise, with the greatest evidence on the way; none where it has no response.
-    pub(crate) fn refit(&self, point: Point, weights: Option<&[f64]>) -> Option<(Point, Judged)> {
-        let mut judged = self.judge(&point, weights)?;
-        let mut point = point;
-        let mut best: Option<(Point, Judged)> = None;
-        for _ in 0..STEPS {
-            if judged.evidence.gain < SETTLED || !self.work.goes_on() {
-                break;
-            }
-            let own = judged.evidence.weights.clone();
-            let before = self.weighted(&point, &own);
-            let mut tried = PARTS.iter().map(|part| self.moved(&point, &judged.evidence, *part));
-            let Some(next) = tried.find(|next| self.weighted(next, &own) < before) else { break };
-            let Some(found) = self.judge(&next, Some(&own)) else { break };
-            if best.as_ref().is_none_or(|(_, b)| judged.log > b.log) {
-                best = Some((point, judged));
-            }
-            (point, judged) = (next, found);
-        }
-        match best {
-            Some(best) if best.1.log > judged.log => Some(best),
-            _ => Some((point, judged)),
-        }
-    }
-
-    /// Standard error of the size of a fault of a point.
-    pub(crate) fn error_of(&self, point: &Point, judged: &Judged, k: usize) -> f64 {
-        let q = judged.evidence.mean.len();
-        let before = point.faults[..k].iter().filter(|f| matches!(f, Planted::Sized(..))).count();
-        let at = self.shared.len() + before;
-        judged.evidence.covariance.get(at * q + at).map_or(f64::INFINITY, |v| v.max(0.0).sqrt())
-    }
-
-    /// What leaves of the parameters a point has, beside another one, in standard errors of that.
-    pub(crate) fn biases(&self, without: &Point, (with, judged): (&Point, &Judged)) -> Vec<fdm_doctor::Bias> {
-        const LEAST: f64 = 0.1;
-        let q = judged.evidence.mean.len();
-        let params = &self.model.definition().params;
-        let of = |(k, param): (usize, &usize)| {
-            let error = judged.evidence.covariance[k * q + k].max(0.0).sqrt();
-            let standard_errors = (without.theta[0][*param] - with.theta[0][*param]) / error;
-            let parameter = params[*param].quantity.name.clone();
-            standard_errors.is_finite().then_some(fdm_doctor::Bias { parameter, standard_errors })
-        };
-        let mut all: Vec<fdm_doctor::Bias> = self.shared.iter().enumerate().filter_map(of).collect();
-        all.retain(|b| b.standard_errors.abs() >= LEAST);
-        all.sort_by(|a, b| b.standard_errors.abs().total_cmp(&a.standard_errors.abs()));
-        all
     }
 }

@@ -10,9 +10,11 @@
 
 mod ground;
 mod output_edits;
+mod parts;
 mod search;
 mod shifts;
 mod told;
+mod weighing;
 
 use crate::candidates::fitted_model::FittedModel;
 use crate::candidates::initial_fit::{plainly, with_validation_runs};
@@ -25,7 +27,7 @@ use fdm_doctor::{
 use fdm_estimate::{Estimate, FitOptions, Termination, Work};
 use fdm_system::Model;
 use fdm_system::record::{Run, channels};
-use ground::{Ground, Point};
+use ground::{Ground, Point, doubted};
 use search::{FASTEST, Search};
 use serde::{Deserialize, Serialize};
 
@@ -192,9 +194,12 @@ fn beside(
             &own
         }
     };
-    let ground = Ground::new(model, (fitted, &fewer, every), (runs, witness), work)?;
-    let at = |theta: &Vec<Vec<f64>>| ground.refit(Point { theta: theta.clone(), faults: Vec::new() }, None);
-    let both = [at(&base.fitted.theta), at(&ground.text)];
+    let (extended, stated) = doubted(model, &base.fitted.theta[0]);
+    let values: Vec<f64> = stated.iter().map(|s| extended.definition().params[s.param].value).collect();
+    let reached = base.fitted.theta.iter().map(|theta| [&theta[..], &values].concat()).collect();
+    let ground = Ground::new((&extended, stated), (fitted, &fewer, every), (runs, witness), work)?;
+    let at = |theta: Vec<Vec<f64>>| ground.refit(Point { theta, faults: Vec::new() }, None);
+    let both = [at(reached), at(ground.text.clone())];
     let start = both.into_iter().flatten().max_by(|a, b| a.1.log.total_cmp(&b.1.log))?;
     let search = Search { ground: &ground, timed, estimated: options.estimated, most: options.most, needed: options.odds.ln(), pace };
     let null = start.clone();

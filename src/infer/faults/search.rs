@@ -1,8 +1,10 @@
 //! Which faults make a record likeliest together: forward selection by evidence, after each step of which every accepted fault must still be needed.
 
-use super::ground::{Ground, Judged, Planted, Point, Responses};
+use super::ground::{Ground, Planted, Point, Responses};
 use super::output_edits::is_of_others;
+use super::parts::Parts;
 use super::shifts::shifts_of_zero;
+use super::weighing::Judged;
 use fdm_doctor::{Edit, Estimated, Fault, Hypothesis, Slot, Witness, discrete, time_factor};
 use fdm_numeric::parallel;
 
@@ -100,7 +102,7 @@ impl Search<'_> {
                 k += 1;
                 continue;
             };
-            accepted[k].log_odds = judged.log - without.1.log + accepted[k].prior;
+            accepted[k].log_odds = self.gained((point, judged), (&without.0, &without.1), k) + accepted[k].prior;
             accepted[k].without = Some(without.0.clone());
             if accepted[k].log_odds > self.needed {
                 k += 1;
@@ -133,27 +135,30 @@ impl Search<'_> {
             discrete(ground.channels, &slots, self.timed).into_iter().chain(self.holds()).filter(fresh).collect();
         list.retain(|h| ground.balances.iter().any(|b| b.unexplained.is_finite()) || !h.edits.iter().all(is_of_others));
         let shares = if self.estimated { SHARE * slots.len() as f64 } else { 0.0 };
-        let whole = list.iter().map(|h| h.weight).sum::<f64>() + shares;
+        let whole = list.iter().map(|h| h.weight).sum::<f64>() + shares + ground.stated.len() as f64;
         let mut tried: Vec<(usize, Planted)> = list.into_iter().map(Planted::Discrete).enumerate().collect();
         let mut count = tried.len();
-        for fault in self.kinds(&slots, point, judged) {
+        for fault in self.kinds(&slots, point) {
             tried.extend(self.sizes(fault, &accepted).into_iter().map(|size| (count, Planted::Sized(fault, size))));
             count += 1;
         }
+        for k in 0..ground.stated.len() {
+            if !point.faults.contains(&Planted::Beginning(k)) {
+                tried.push((count, Planted::Beginning(k)));
+                count += 1;
+            }
+        }
         let text = Point { theta: ground.text.clone(), ..point.clone() };
-        let plain = |point: &Point| {
-            let responses = ground.responses(&point.theta, &point.edits(), true)?;
-            ground.plainly_left(point, &responses)
-        };
-        let Some(left) = plain(point) else { return (Vec::new(), 0) };
+        let matched = ground.responses_of(point).and_then(|responses| ground.matched(point, &responses));
+        let Some(matched) = matched else { return (Vec::new(), 0) };
         let mut begun: Vec<(bool, Point)> = Vec::new();
         for start in [point, &text] {
-            begun.extend(self.ranked(start, (judged, left), &tried, count));
+            begun.extend(self.ranked(start, (judged, matched), &tried, count));
         }
         let fits = tried.len() + begun.len();
         let refitted = |(plainly, begun): (bool, Point)| {
             let begun = if plainly { ground.plainly(begun)? } else { begun };
-            self.weighed(begun, whole, (point, judged, left))
+            self.weighed(begun, whole, (point, judged, matched))
         };
         let mut found: Vec<Weighed> = parallel::map(begun, refitted).into_iter().flatten().collect();
         found.sort_by(|a, b| b.log.total_cmp(&a.log));
@@ -180,7 +185,7 @@ impl Search<'_> {
     }
 
     /// Faults with a size.
-    fn kinds(&self, slots: &[Slot], point: &Point, judged: &Judged) -> Vec<Estimated> {
+    fn kinds(&self, slots: &[Slot], point: &Point) -> Vec<Estimated> {
         let ground = self.ground;
         if !self.estimated {
             return Vec::new();
@@ -197,7 +202,7 @@ impl Search<'_> {
             }
             kinds.extend(own.into_iter().map(|fault| Estimated::new(fault, *slot)));
         }
-        kinds.extend(shifts_of_zero(ground, point, judged));
+        kinds.extend(shifts_of_zero(ground, point));
         kinds.retain(|kind| !point.faults.iter().any(|f| matches!(f, Planted::Sized(known, _) if known == kind)));
         kinds
     }
@@ -228,11 +233,12 @@ impl Search<'_> {
         sizes
     }
 
-    /// The likeliest hypotheses from a start, to first order, each at its likeliest size: by their own noise, and by white noise. Those by which the
-    /// response matches no better are none: noise of any colour would take the place of the motion.
-    fn ranked(&self, start: &Point, (judged, plain): (&Judged, f64), tried: &[(usize, Planted)], count: usize) -> Vec<(bool, Point)> {
+    /// The likeliest hypotheses from a start, to first order, each at its likeliest size: by their own noise, and by white noise. Those that are no likelier by
+    /// white noise are none: noise of any colour would take the place of the motion.
+    fn ranked(&self, start: &Point, (judged, matched): (&Judged, f64), tried: &[(usize, Planted)], count: usize) -> Vec<(bool, Point)> {
         let ground = self.ground;
-        let Some(base) = ground.responses(&start.theta, &start.edits(), true) else { return Vec::new() };
+        let all = ground.all_unknowns(&start.faults);
+        let Some(base) = ground.responses(&start.theta, &start.edits(), &all) else { return Vec::new() };
         let promise = |(kind, planted): &(usize, Planted)| -> Option<(usize, [f64; 2], Point)> {
             if !ground.work.goes_on() {
                 return None;
@@ -242,13 +248,12 @@ impl Search<'_> {
             let responses = match planted.edits().iter().all(|e| ground.keeps_inputs(e)) {
                 true => &base,
                 false => {
-                    own = ground.responses(&point.theta, &point.edits(), true)?;
+                    own = ground.responses_of(&point)?;
                     &own
                 }
             };
-            let witness = ground.witness.gain(&point.edits(), &ground.balances);
             let weight = planted.weight().ln();
-            let gained = plain - ground.plainly_left(&point, responses)? + witness + weight;
+            let gained = ground.matched(&point, responses)? - matched + weight;
             let promised = match gained > 0.0 {
                 true => ground.judged(&point, responses, Some(ROUNDS), None)?.promised + weight - judged.log,
                 false => f64::NEG_INFINITY,
@@ -273,13 +278,14 @@ impl Search<'_> {
     }
 
     /// A hypothesis refitted; none where its size says nothing.
-    fn weighed(&self, begun: Point, whole: f64, (before, than, plain): (&Point, &Judged, f64)) -> Option<Weighed> {
+    fn weighed(&self, begun: Point, whole: f64, (before, than, matched): (&Point, &Judged, f64)) -> Option<Weighed> {
         let ground = self.ground;
         let (point, judged) = ground.refit(begun, None)?;
         let k = before.faults.len();
         let planted = point.faults[k].clone();
+        let parts = ground.parts(&point, &judged, k);
         if let Planted::Sized(fault, size) = planted {
-            let error = ground.error_of(&point, &judged, k);
+            let error = ground.error_of(&point, &judged, k) * parts.as_ref().map_or(1.0, |p| p.dispersion().sqrt());
             let interval = time_factor(&point.edits()) * ground.interval / ground.every as f64;
             let error = if fault.fault == Fault::Delay { error.max(interval / 12f64.sqrt()) } else { error };
             // a delay that may be one sample is a matter of stamps
@@ -293,12 +299,24 @@ impl Search<'_> {
                 return None;
             }
         }
-        let witness = ground.witness.gain(&point.edits(), &ground.balances);
-        let left = ground.plainly_left(&point, &ground.responses(&point.theta, &point.edits(), true)?)?;
-        if left > plain + witness {
+        if ground.matched(&point, &ground.responses_of(&point)?)? < matched {
             return None;
         }
         let prior = planted.weight().ln() - whole.ln();
-        Some(Weighed { log: judged.log - than.log + prior, planted, prior, point, judged })
+        let log = self.bounded((&point, &judged), (before, than), parts.as_ref()) + prior;
+        Some(Weighed { log, planted, prior, point, judged })
+    }
+
+    /// What a point gains by one of its faults over another point without it.
+    fn gained(&self, with: (&Point, &Judged), without: (&Point, &Judged), k: usize) -> f64 {
+        self.bounded(with, without, self.ground.parts(with.0, with.1, k).as_ref())
+    }
+
+    /// The gain of a point over another one: what the record says of a fault is no more than its parts say together.
+    fn bounded(&self, (point, judged): (&Point, &Judged), (before, than): (&Point, &Judged), parts: Option<&Parts>) -> f64 {
+        let whole = judged.log - than.log;
+        // what kinematics and the values in the text say stands beside it
+        let beside = self.ground.witnessed(point) - self.ground.witnessed(before) + judged.values - than.values;
+        parts.map_or(whole, |parts| whole.min(parts.gain() + beside))
     }
 }

@@ -1,6 +1,6 @@
 //! Zeros of outputs that move once, in one run: where the residuals before and behind differ most, and at once.
 
-use super::ground::{Ground, Judged, Point};
+use super::ground::{Ground, Point};
 use fdm_doctor::{Estimated, Fault, Record, Role, Slot, Tail};
 
 /// Fewest samples before and behind.
@@ -9,10 +9,10 @@ const FEWEST: usize = 20;
 const SIDE: usize = 8;
 
 /// Where the zero of each output may move.
-pub(crate) fn shifts_of_zero(ground: &Ground<'_>, point: &Point, _: &Judged) -> Vec<Estimated> {
+pub(crate) fn shifts_of_zero(ground: &Ground<'_>, point: &Point) -> Vec<Estimated> {
     let [record] = ground.records else { return Vec::new() };
     let edits = point.edits();
-    let Some(responses) = ground.responses(&point.theta, &edits, false) else { return Vec::new() };
+    let Some(responses) = ground.responses(&point.theta, &edits, &[]) else { return Vec::new() };
     let (left, time) = ground.left(0, &responses, &edits);
     let q = ground.deviations.len();
     let of = |output: usize| -> Option<Estimated> {

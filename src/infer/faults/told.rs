@@ -2,10 +2,12 @@
 
 use super::ground::{Ground, Planted, Point};
 use super::search::{self, Accepted, Found};
+use super::weighing::Judged;
 use super::{BesideOptions, Weighed};
 use crate::search::log_sum;
-use fdm_doctor::{Bias, Edit, Fault, Finding, Hypothesis, Severity, Slot, time_factor};
+use fdm_doctor::{Bias, Edit, Fault, Finding, Hypothesis, Repair, Severity, Slot, time_factor};
 use fdm_estimate::{Estimate, ParameterEstimate};
+use fdm_system::record::Run;
 
 /// Odds within which another hypothesis is named beside a finding.
 const NEAR: f64 = 10.0;
@@ -33,7 +35,7 @@ pub(crate) fn weighed(ground: &Ground<'_>, found: &Found) -> Vec<Weighed> {
     let all = log_sum(&logs);
     let none = Weighed { what: "no fault of the record".into(), evidence: 0.0, probability: (-all).exp() };
     let of = |w: &search::Weighed| Weighed {
-        what: hypothesis(ground, &w.planted, ground.error_of(&w.point, &w.judged, w.point.faults.len() - 1)).sentence(ground.channels),
+        what: sentence(ground, w),
         evidence: w.log,
         probability: (w.log - all).exp(),
     };
@@ -43,11 +45,35 @@ pub(crate) fn weighed(ground: &Ground<'_>, found: &Found) -> Vec<Weighed> {
     list
 }
 
-/// A fault in words, its size with this error.
-fn hypothesis(ground: &Ground<'_>, planted: &Planted, error: f64) -> Hypothesis {
-    match planted {
+/// A hypothesis in a sentence.
+fn sentence(ground: &Ground<'_>, weighed: &search::Weighed) -> String {
+    let fault = hypothesis(ground, &weighed.point, &weighed.judged, weighed.point.faults.len() - 1);
+    match weighed.planted {
+        Planted::Beginning(k) => format!("`{}` {}", ground.stated[k].name, fault.what),
+        _ => fault.sentence(ground.channels),
+    }
+}
+
+/// A fault of a point in words, its size with its error.
+fn hypothesis(ground: &Ground<'_>, point: &Point, judged: &Judged, k: usize) -> Hypothesis {
+    match &point.faults[k] {
         Planted::Discrete(hypothesis) => hypothesis.clone(),
-        Planted::Sized(fault, size) => fault.told((*size, error), ground.channels, ground.span),
+        Planted::Sized(fault, size) => {
+            let error = ground.parts(point, judged, k).map_or(1.0, |parts| parts.dispersion().sqrt());
+            fault.told((*size, error * ground.error_of(point, judged, k)), ground.channels, ground.span)
+        }
+        Planted::Beginning(state) => {
+            let state = &ground.stated[*state];
+            let unit = state.unit.as_ref().map_or_else(String::new, |unit| format!(" {unit}"));
+            let value = |(run, theta): (&Run, &Vec<f64>)| match ground.runs.len() {
+                1 => format!("{:.4}{unit}", theta[state.param]),
+                _ => format!("{:.4}{unit} in {}", theta[state.param], run.name),
+            };
+            let values: Vec<String> = ground.runs.iter().zip(&point.theta).map(value).take(3).collect();
+            let stated = ground.model.definition().params[state.param].value;
+            let what = format!("begins at {}, where the model states {stated}", values.join(", "));
+            Hypothesis { fault: Fault::Beginning, slots: Vec::new(), edits: Vec::new(), what, weight: 1.0 }
+        }
     }
 }
 
@@ -56,17 +82,17 @@ pub(crate) fn findings(ground: &Ground<'_>, found: &Found, null: &Point, _: &Bes
     let edits = found.point.edits();
     let factor = time_factor(&edits);
     let of = |(k, accepted): (usize, &Accepted)| {
-        let error = ground.error_of(&found.point, &found.judged, k);
-        let own = hypothesis(ground, &found.point.faults[k], error);
+        let own = hypothesis(ground, &found.point, &found.judged, k);
         let mut finding = own.finding(ground.records, ground.channels, accepted.log_odds);
+        if let Planted::Beginning(state) = found.point.faults[k] {
+            let name = &ground.stated[state].name;
+            finding.channels = vec![name.clone()];
+            finding.repair = Some(Repair::words(&format!("free it in the model: state {name} = free")));
+        }
         let best = accepted.near.first().map_or(0.0, |w| w.log);
         let others = accepted.near.iter().filter(|w| !w.planted.is_like(&found.point.faults[k]));
         let near: Vec<&search::Weighed> = others.filter(|w| w.log > best - NEAR.ln()).take(3).collect();
-        let words = |w: &&search::Weighed| {
-            let error = ground.error_of(&w.point, &w.judged, w.point.faults.len() - 1);
-            hypothesis(ground, &w.planted, error).sentence(ground.channels)
-        };
-        let list: Vec<String> = near.iter().map(words).collect();
+        let list: Vec<String> = near.iter().map(|w| sentence(ground, w)).collect();
         if !list.is_empty() {
             finding.what.push_str(&format!("; nearly as likely: {}", list.join(", or ")));
         }

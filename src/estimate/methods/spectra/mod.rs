@@ -26,6 +26,7 @@ pub(crate) mod unobservable_modes;
 
 pub use bins::{BinResponse, SpectralBins};
 pub use error::{SpectralError, Unanswered};
+pub use initial_conditions::with_initials;
 pub use fit::{RunSpectrum, SpectralFit, fit_spectra};
 pub use options::{Nonlinear, SpectralOptions};
 pub use starting_values::StartingValue;
