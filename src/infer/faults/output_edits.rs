@@ -27,7 +27,7 @@ pub(crate) fn is_of_others(edit: &Edit) -> bool {
 }
 
 /// What the inverses of edits make of a response (N by q), the last one first; of a derivative the constants are left out. `time` are the times of the
-/// samples as the edits have them. Before the record a response is as at its beginning, behind it as at its end.
+/// samples as the edits have them. Before the record a response goes on straight as it began, behind it as it ended.
 pub(crate) fn undone(edits: &[Edit], time: &[f64], q: usize, derivative: bool, values: &mut [f64]) {
     for edit in edits.iter().rev() {
         match *edit {
@@ -61,15 +61,17 @@ fn moved(time: &[f64], values: &mut [f64], (place, width): (usize, usize), at: i
     };
     let mut cursor = Cursor::default();
     for (k, t) in time.iter().enumerate() {
-        let t = at(*t);
-        let place_in_time = cursor.at(time, t.clamp(time[0], time[n - 1]));
-        let left = place_in_time.left.min(n - 2);
-        let (step, part) = (time[left + 1] - time[left], (t.clamp(time[0], time[n - 1]) - time[left]) / (time[left + 1] - time[left]));
+        let (asked, inside) = (at(*t), at(*t).clamp(time[0], time[n - 1]));
+        let left = cursor.at(time, inside).left.min(n - 2);
+        let step = time[left + 1] - time[left];
+        let part = (inside - time[left]) / step;
         let (a, b) = (column[left], column[left + 1]);
         let (da, db) = (slope(left) * step, slope(left + 1) * step);
         // Hermite's cubic
         let (s, u) = (part, 1.0 - part);
-        values[k * width + place] = u * u * ((1.0 + 2.0 * s) * a + s * da) + s * s * ((1.0 + 2.0 * u) * b - u * db);
+        let beyond = (asked - inside) / step * if asked < inside { da } else { db };
+        values[k * width + place] =
+            u * u * ((1.0 + 2.0 * s) * a + s * da) + s * s * ((1.0 + 2.0 * u) * b - u * db) + beyond;
     }
 }
 

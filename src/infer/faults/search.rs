@@ -25,8 +25,11 @@ const FARTHEST: [f64; 2] = [0.25, 0.1];
 #[derive(Clone)]
 pub(crate) struct Weighed {
     pub(crate) planted: Planted,
-    /// Log evidence and log prior, beside those of the faults accepted before.
+    /// Log evidence and log prior, beside those of the faults accepted before, as far as the parts of the record agree.
     pub(crate) log: f64,
+    /// Log evidence as the noise alone lets it be, and the part of it on which the parts of the record agree.
+    gain: f64,
+    agreed: f64,
     /// Logarithm of its share of the prior probability.
     pub(crate) prior: f64,
     pub(crate) point: Point,
@@ -161,7 +164,7 @@ impl Search<'_> {
             self.weighed(begun, whole, (point, judged, matched))
         };
         let mut found: Vec<Weighed> = parallel::map(begun, refitted).into_iter().flatten().collect();
-        found.sort_by(|a, b| b.log.total_cmp(&a.log));
+        tempered(&mut found);
         let mut known: Vec<Planted> = Vec::new();
         found.retain(|w| {
             let new = !known.iter().any(|k| k.is_like(&w.planted));
@@ -303,8 +306,9 @@ impl Search<'_> {
             return None;
         }
         let prior = planted.weight().ln() - whole.ln();
-        let log = self.bounded((&point, &judged), (before, than), parts.as_ref()) + prior;
-        Some(Weighed { log, planted, prior, point, judged })
+        let gain = judged.log - than.log;
+        let agreed = self.bounded((&point, &judged), (before, than), parts.as_ref());
+        Some(Weighed { log: gain + prior, gain, agreed, planted, prior, point, judged })
     }
 
     /// What a point gains by one of its faults over another point without it.
@@ -319,4 +323,19 @@ impl Search<'_> {
         let beside = self.ground.witnessed(point) - self.ground.witnessed(before) + judged.values - than.values;
         parts.map_or(whole, |parts| whole.min(parts.gain() + beside))
     }
+}
+
+/// Hypotheses by what the record says of them, the likeliest first: where the parts of the record agree on a part alone of what the noise lets the likeliest
+/// one gain, the likelihood counts to that power (Bissiri, Holmes and Walker 2016).
+fn tempered(found: &mut [Weighed]) {
+    found.sort_by(|a, b| b.log.total_cmp(&a.log));
+    let Some(power) = found.first().filter(|b| b.gain > 0.0).map(|b| (b.agreed / b.gain).clamp(0.0, 1.0)) else { return };
+    if std::env::var("FDM_TRACE").is_ok() {
+        eprintln!("power {power}");
+        for f in found.iter() {
+            eprintln!("   {:?} {:?} gain {:.2} agreed {:.2} prior {:.2} {:?}", f.planted.fault(), f.planted.slots(), f.gain, f.agreed, f.prior, f.planted.edits());
+        }
+    }
+    found.iter_mut().for_each(|f| f.log = power * f.gain + f.prior);
+    found.sort_by(|a, b| b.log.total_cmp(&a.log));
 }
