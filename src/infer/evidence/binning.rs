@@ -128,9 +128,15 @@ impl RunBins {
 
     /// A signal (N by q) in bins, output by output; `kept` of which only rows are kept at which something was measured.
     pub(crate) fn of(&self, signal: &[f64], kept: bool) -> Vec<f64> {
-        let q = self.outputs;
         let mut bins = vec![0.0; self.length];
-        for OutputBins { output, samples, places, transform, offset } in &self.places {
+        self.put(signal, kept, &|_| true, &mut bins);
+        bins
+    }
+
+    /// As [`Self::of`], for some outputs alone, in the place of what stands in the bins.
+    pub(crate) fn put(&self, signal: &[f64], kept: bool, wanted: &dyn Fn(usize) -> bool, bins: &mut [f64]) {
+        let q = self.outputs;
+        for OutputBins { output, samples, places, transform, offset } in self.places.iter().filter(|p| wanted(p.output)) {
             let own = &mut bins[*offset..][..samples.len()];
             for (value, (k, place)) in own.iter_mut().zip(samples.iter().zip(places)) {
                 let deviation = self.deviations.as_ref().map_or(1.0, |d| d[k * q + output]);
@@ -143,7 +149,6 @@ impl RunBins {
                 own[0] *= FRAC_1_SQRT_2;
             }
         }
-        bins
     }
     /// A column in bins as a signal (N by q) again, each bin times the root of its band's weight (outputs by bands): noise of that spectrum becomes white.
     /// What was not measured is 0.

@@ -1,10 +1,10 @@
 //! What hypotheses about a record are judged on: the responses of a model to the runs as edits make them, linearised, in bins.
 
-use super::output_edits::{is_of_others, is_of_outputs, undone};
+use super::output_edits::{is_of_others, is_of_outputs, touched, undone};
 use crate::bins::Signals;
 use crate::candidates::fitted_model::FittedModel;
 use crate::candidates::runs::Runs;
-use crate::evidence::binning::Binning;
+use crate::evidence::binning::{Binning, RunBins};
 use crate::evidence::gram::Grams;
 use fdm_doctor::{Balance, Channels, Edit, Estimated, Fault, Hypothesis, Record, Slot, Witness, edited};
 use fdm_estimate::residuals::residuals;
@@ -15,6 +15,7 @@ use fdm_numeric::parallel;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::{Simulator, StepOptions, Steps, choose_steps};
+use std::sync::OnceLock;
 
 /// Part of an output's deviation by which its zero is moved for a derivative; of offsets the derivative is exact.
 const SMALL: f64 = 1e-3;
@@ -108,6 +109,8 @@ pub(crate) struct Responses {
     /// Of each run, the derivatives by these parameters.
     asked: Vec<usize>,
     columns: Vec<Vec<Signals>>,
+    /// The same in bins, once they are needed.
+    bins: OnceLock<Vec<Vec<Vec<f64>>>>,
 }
 
 /// A state whose initial value the model states as a constant.
@@ -297,7 +300,7 @@ impl<'a> Ground<'a> {
             Some((run.time.clone(), y, (0..asked.len()).map(column).collect()))
         };
         let all = parallel::map(0..self.runs.len(), of).into_iter().collect::<Option<Vec<_>>>()?;
-        let mut found = Responses { time: Vec::new(), y: Vec::new(), asked: asked.to_vec(), columns: Vec::new() };
+        let mut found = Responses { time: Vec::new(), y: Vec::new(), asked: asked.to_vec(), columns: Vec::new(), bins: OnceLock::new() };
         for (time, y, columns) in all {
             found.time.push(time);
             found.y.push(y);
@@ -352,12 +355,21 @@ impl<'a> Ground<'a> {
             params.iter().map(|p| responses.asked.iter().position(|a| a == p)).collect()
         };
         let (own, shared) = (places(&self.own(&point.faults))?, places(&self.shared)?);
+        let whole = responses.bins.get_or_init(|| {
+            let of = |(bins, columns): (&RunBins, &Vec<Signals>)| columns.iter().map(|c| bins.of(c, false)).collect();
+            self.binning.runs.iter().zip(&responses.columns).map(of).collect()
+        });
+        let touched = touched(&edits, q);
         let of = |r: usize| {
             let bins = &self.binning.runs[r];
             let behind = |place: &usize| {
-                let mut column = responses.columns[r][*place].clone();
-                undone(&edits, &responses.time[r], q, true, &mut column);
-                bins.of(&column, false)
+                let mut found = whole[r][*place].clone();
+                if touched.contains(&true) {
+                    let mut column = responses.columns[r][*place].clone();
+                    undone(&edits, &responses.time[r], q, true, &mut column);
+                    bins.put(&column, false, &|output| touched[output], &mut found);
+                }
+                found
             };
             let mut columns: Vec<Vec<f64>> = own.iter().map(behind).collect();
             columns.push(bins.of(&residuals[r], false));

@@ -26,6 +26,25 @@ pub(crate) fn is_of_others(edit: &Edit) -> bool {
     }
 }
 
+/// The outputs (of q) whose derivatives edits change.
+pub(crate) fn touched(edits: &[Edit], q: usize) -> Vec<bool> {
+    let mut found = vec![false; q];
+    let mut touch = |slot: Slot| {
+        if let Slot::Output(o) = slot {
+            found[o] = true;
+        }
+    };
+    for edit in edits {
+        match *edit {
+            Edit::Affine(s, factor, _) if factor != 1.0 => touch(s),
+            Edit::Delay(s, _) | Edit::Drift(s, _) | Edit::Filter(s, _) => touch(s),
+            Edit::Swap(a, b) => [a, b].into_iter().for_each(&mut touch),
+            Edit::Affine(..) | Edit::Step(..) | Edit::Time(_) | Edit::Hold(..) => (),
+        }
+    }
+    found
+}
+
 /// What the inverses of edits make of a response (N by q), the last one first; of a derivative the constants are left out. `time` are the times of the
 /// samples as the edits have them. Before the record a response goes on straight as it began, behind it as it ended.
 pub(crate) fn undone(edits: &[Edit], time: &[f64], q: usize, derivative: bool, values: &mut [f64]) {

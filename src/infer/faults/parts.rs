@@ -21,9 +21,11 @@ const PARTS: usize = 16;
 
 /// What the parts of the records say of a size.
 pub(crate) struct Parts {
-    /// Score at the size that was found, and information.
+    /// Score at the size that all parts together have, and information.
     parts: Vec<(f64, f64)>,
+    /// Where all parts together have the size, and how far it is from there.
     size: f64,
+    away: f64,
 }
 
 impl Parts {
@@ -39,7 +41,7 @@ impl Parts {
         (self.scatter(0.0) * free / (free - 1.0)).max(1.0)
     }
 
-    /// What the size gains over none, in nats, its prior and its error included.
+    /// What the size gains over none as it is, in nats, its prior and its error included.
     pub(crate) fn gain(&self) -> f64 {
         let cost = |away: f64| {
             let scatter = self.scatter(away);
@@ -48,7 +50,7 @@ impl Parts {
         };
         let information: f64 = self.parts.iter().map(|p| p.1).sum();
         let error = (self.dispersion() / information).sqrt();
-        cost(self.size) - cost(0.0) + of_amount(self.size, error, Sign::Either) + error.ln() + 0.5 * (2.0 * PI).ln()
+        cost(self.size) - cost(self.away) + of_amount(self.size, error, Sign::Either) + error.ln() + 0.5 * (2.0 * PI).ln()
     }
 }
 
@@ -89,9 +91,9 @@ impl Ground<'_> {
                 (of(r), of(d))
             }));
         }
-        let size = size + evidence.mean[self.place_of(point, k)];
+        let away = evidence.mean[self.place_of(point, k)];
         let parts = equal_parts(&products);
-        (!parts.is_empty()).then_some(Parts { parts, size })
+        (!parts.is_empty()).then_some(Parts { parts, size: size + away, away })
     }
 }
 
@@ -119,7 +121,7 @@ mod tests {
     fn parts(size: f64, wrong: f64, seed: u64) -> Parts {
         let mut stream = Stream::seeded(seed);
         let parts = (0..PARTS).map(|_| (stream.normal() * (1.0 + wrong * wrong).sqrt(), 1.0)).collect();
-        Parts { parts, size }
+        Parts { parts, size, away: 0.0 }
     }
 
     #[test]

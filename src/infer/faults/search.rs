@@ -152,7 +152,7 @@ impl Search<'_> {
             }
         }
         let text = Point { theta: ground.text.clone(), ..point.clone() };
-        let matched = ground.responses_of(point).and_then(|responses| ground.matched(point, &responses));
+        let matched = self.matched(point);
         let Some(matched) = matched else { return (Vec::new(), 0) };
         let mut begun: Vec<(bool, Point)> = Vec::new();
         for start in [point, &text] {
@@ -236,13 +236,21 @@ impl Search<'_> {
         sizes
     }
 
-    /// The likeliest hypotheses from a start, to first order, each at its likeliest size: by their own noise, and by white noise. Those that are no likelier by
-    /// white noise are none: noise of any colour would take the place of the motion.
+    /// The log evidence of a point by white noise.
+    fn matched(&self, point: &Point) -> Option<f64> {
+        let ground = self.ground;
+        ground.matched(point, &ground.grams_of(point, &ground.responses_of(point)?)?)
+    }
+
+    /// The likeliest hypotheses from a start, to first order, each at its likeliest size: by their own noise, by white noise, and by kinematics alone, which a
+    /// model that lacks something may contradict. Those that are no likelier by white noise are none but for kinematics: noise of any colour would take the
+    /// place of the motion.
     fn ranked(&self, start: &Point, (judged, matched): (&Judged, f64), tried: &[(usize, Planted)], count: usize) -> Vec<(bool, Point)> {
         let ground = self.ground;
         let all = ground.all_unknowns(&start.faults);
         let Some(base) = ground.responses(&start.theta, &start.edits(), &all) else { return Vec::new() };
-        let promise = |(kind, planted): &(usize, Planted)| -> Option<(usize, [f64; 2], Point)> {
+        let known = ground.witnessed(start);
+        let promise = |(kind, planted): &(usize, Planted)| -> Option<(usize, [f64; 3], Point)> {
             if !ground.work.goes_on() {
                 return None;
             }
@@ -255,25 +263,26 @@ impl Search<'_> {
                     &own
                 }
             };
-            let weight = planted.weight().ln();
-            let gained = ground.matched(&point, responses)? - matched + weight;
+            let (weight, grams) = (planted.weight().ln(), ground.grams_of(&point, responses)?);
+            let gained = ground.matched(&point, &grams)? - matched + weight;
             let promised = match gained > 0.0 {
-                true => ground.judged(&point, responses, Some(ROUNDS), None)?.promised + weight - judged.log,
+                true => ground.judged(&point, &grams, Some(ROUNDS), None)?.promised + weight - judged.log,
                 false => f64::NEG_INFINITY,
             };
-            Some((*kind, [promised, gained], point))
+            let witnessed = ground.witnessed(&point) - known + weight - self.needed;
+            Some((*kind, [promised, gained, witnessed], point))
         };
-        let all: Vec<(usize, [f64; 2], Point)> = parallel::map(tried.iter(), promise).into_iter().flatten().collect();
+        let all: Vec<(usize, [f64; 3], Point)> = parallel::map(tried.iter(), promise).into_iter().flatten().collect();
         let mut begun = Vec::new();
-        for by in 0..2 {
-            let mut best: Vec<Option<&(usize, [f64; 2], Point)>> = vec![None; count];
+        for by in 0..3 {
+            let mut best: Vec<Option<&(usize, [f64; 3], Point)>> = vec![None; count];
             for found in all.iter().filter(|f| f.1[by] > 0.0) {
                 let own = &mut best[found.0];
                 if own.is_none_or(|known| found.1[by] > known.1[by]) {
                     *own = Some(found);
                 }
             }
-            let mut best: Vec<&(usize, [f64; 2], Point)> = best.into_iter().flatten().collect();
+            let mut best: Vec<&(usize, [f64; 3], Point)> = best.into_iter().flatten().collect();
             best.sort_by(|a, b| b.1[by].total_cmp(&a.1[by]));
             begun.extend(best.into_iter().take(REFITTED).map(|(_, _, point)| (by == 1, point.clone())));
         }
@@ -302,7 +311,8 @@ impl Search<'_> {
                 return None;
             }
         }
-        if ground.matched(&point, &ground.responses_of(&point)?)? < matched {
+        let witnessed = ground.witnessed(&point) - ground.witnessed(before);
+        if witnessed < self.needed && self.matched(&point)? < matched {
             return None;
         }
         let prior = planted.weight().ln() - whole.ln();
@@ -316,26 +326,30 @@ impl Search<'_> {
         self.bounded(with, without, self.ground.parts(with.0, with.1, k).as_ref())
     }
 
-    /// The gain of a point over another one: what the record says of a fault is no more than its parts say together.
+    /// The gain of a point over another one: what the record says for a fault or against it is no more than its parts say together.
     fn bounded(&self, (point, judged): (&Point, &Judged), (before, than): (&Point, &Judged), parts: Option<&Parts>) -> f64 {
         let whole = judged.log - than.log;
         // what kinematics and the values in the text say stands beside it
         let beside = self.ground.witnessed(point) - self.ground.witnessed(before) + judged.values - than.values;
-        parts.map_or(whole, |parts| whole.min(parts.gain() + beside))
+        let own = whole - beside;
+        let agreed = |parts: &Parts| if own > 0.0 { own.min(parts.gain()) } else { own.max(parts.gain()) };
+        parts.map_or(whole, |parts| agreed(parts) + beside)
     }
 }
 
 /// Hypotheses by what the record says of them, the likeliest first: where the parts of the record agree on a part alone of what the noise lets the likeliest
 /// one gain, the likelihood counts to that power (Bissiri, Holmes and Walker 2016).
 fn tempered(found: &mut [Weighed]) {
+    found.iter_mut().for_each(|f| f.log = f.gain.max(f.agreed) + f.prior);
     found.sort_by(|a, b| b.log.total_cmp(&a.log));
     let Some(power) = found.first().filter(|b| b.gain > 0.0).map(|b| (b.agreed / b.gain).clamp(0.0, 1.0)) else { return };
+    let counted = |f: &Weighed| if f.agreed > f.gain { f.agreed } else { power * f.gain };
     if std::env::var("FDM_TRACE").is_ok() {
         eprintln!("power {power}");
         for f in found.iter() {
             eprintln!("   {:?} {:?} gain {:.2} agreed {:.2} prior {:.2} {:?}", f.planted.fault(), f.planted.slots(), f.gain, f.agreed, f.prior, f.planted.edits());
         }
     }
-    found.iter_mut().for_each(|f| f.log = power * f.gain + f.prior);
+    found.iter_mut().for_each(|f| f.log = counted(f) + f.prior);
     found.sort_by(|a, b| b.log.total_cmp(&a.log));
 }

@@ -32,23 +32,23 @@ pub(crate) struct Judged {
 }
 
 impl Ground<'_> {
-    /// The evidence of a point whose responses these are, by so many rounds, its noise begun at these weights.
-    pub(crate) fn judged(&self, point: &Point, responses: &Responses, rounds: Option<usize>, weights: Option<&[f64]>) -> Option<Judged> {
-        let grams = self.grams_of(point, responses)?;
+    /// The evidence of a point with these products of columns, by so many rounds, its noise begun at these weights.
+    pub(crate) fn judged(&self, point: &Point, grams: &Grams, rounds: Option<usize>, weights: Option<&[f64]>) -> Option<Judged> {
         let precision = vec![0.0; grams.shared()];
-        let question = Question { grams: &grams, noise: &self.binning.noise, precision: &precision, own: &[] };
+        let question = Question { grams, noise: &self.binning.noise, precision: &precision, own: &[] };
         let evidence = match rounds {
             Some(rounds) => question.answer_within(rounds, weights)?,
             None => question.answer(weights)?,
         };
         let values = self.log_prior_of_values(point, &evidence);
-        let promised = evidence.log + values + self.log_prior_of_faults(point, &grams, &evidence);
+        let promised = evidence.log + values + self.log_prior_of_faults(point, grams, &evidence);
         let log = promised - evidence.gain;
         let powers = (0..self.outputs()).flat_map(|o| grams.residual_powers(o)).collect();
         log.is_finite().then_some(Judged { evidence, log, promised, values, powers })
     }
 
-    fn grams_of(&self, point: &Point, responses: &Responses) -> Option<Grams> {
+    /// Products of all columns of a point whose responses these are.
+    pub(crate) fn grams_of(&self, point: &Point, responses: &Responses) -> Option<Grams> {
         Some(self.grams(&self.columns(point, responses)?, self.own(&point.faults).len()))
     }
 
@@ -62,7 +62,7 @@ impl Ground<'_> {
         if !self.work.goes_on() {
             return None;
         }
-        self.judged(point, &self.responses_of(point)?, None, weights)
+        self.judged(point, &self.grams_of(point, &self.responses_of(point)?)?, None, weights)
     }
 
     /// Log prior of the values of parameters that all runs share: the density over the logarithm of each, about the one in the text, so that no unit
@@ -133,8 +133,8 @@ impl Ground<'_> {
     }
 
     /// The log evidence of a point by white noise: by how much its response matches.
-    pub(crate) fn matched(&self, point: &Point, responses: &Responses) -> Option<f64> {
-        Some(self.plain(point, &self.grams_of(point, responses)?)?.0)
+    pub(crate) fn matched(&self, point: &Point, grams: &Grams) -> Option<f64> {
+        Some(self.plain(point, grams)?.0)
     }
 
     /// A point after a few steps of a plain fit: where a phase is off by periods, or the fit was led astray, the noise that is found beside it hides the
