@@ -176,8 +176,7 @@ fn round(witness: &Witness<'_>, accepted: &[Edit]) -> Vec<Weighed> {
     };
     let mut all: Vec<Weighed> = parallel::map(tried, weigh);
     let kinds = [Fault::Delay, Fault::Drift, Fault::Filtered, Fault::Offset, Fault::Scale];
-    let pairs: Vec<Estimated> =
-        slots.iter().flat_map(|slot| kinds.map(|fault| Estimated::new(fault, *slot))).collect();
+    let pairs: Vec<Estimated> = slots.iter().flat_map(|slot| kinds.map(|fault| Estimated::new(fault, *slot))).collect();
     // an estimated number costs half the logarithm of the independent windows (Schwarz 1978)
     let worth = before.iter().map(|b| b.independent).sum::<f64>().max(1.0);
     let estimate = |fault: Estimated| {
@@ -190,7 +189,12 @@ fn round(witness: &Witness<'_>, accepted: &[Edit]) -> Vec<Weighed> {
             _ => true,
         };
         let edits: Vec<Edit> = accepted.iter().copied().chain([fault.edit(size)]).collect();
-        let left = witness.balances(&edits).iter().zip(&before).map(|(own, other)| own.unexplained / other.unexplained).fold(1.0, f64::min);
+        let left = witness
+            .balances(&edits)
+            .iter()
+            .zip(&before)
+            .map(|(own, other)| own.unexplained / other.unexplained)
+            .fold(1.0, f64::min);
         if !matters || size.abs() < SIGMAS * error || left > LEFT {
             return None;
         }

@@ -4,8 +4,8 @@
 //! An equation `y' = f` is compared in its weak form: with windows that vanish at both ends, `-integral of w' y = integral of w f` (Shinbrot
 //! 1957; Preisig and Rippin 1993). Nothing is differentiated, nothing drifts, and windows that overlap by half are nearly independent.
 
-use crate::finding::{Fault, Finding};
 use crate::edit::{Channels, Edit, edited_record, lagged, plain, time_factor};
+use crate::finding::{Fault, Finding};
 use crate::independent::{independent_samples, variance};
 use crate::record::{Channel, Record};
 use crate::repair::Repair;

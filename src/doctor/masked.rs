@@ -1,17 +1,12 @@
 //! Records without the samples that are not to be believed.
 
-use crate::finding::Finding;
 use crate::edit::{Channels, Slot, put};
+use crate::finding::Finding;
 use crate::record::Record;
 use fdm_system::record::{Run, bridge};
 
 /// The runs and their records without the samples that findings do not believe: gaps of outputs, bridged inputs.
-pub fn mask(
-    channels: &Channels,
-    runs: &[Run],
-    records: &[Record],
-    findings: &[Finding],
-) -> (Vec<Run>, Vec<Record>) {
+pub fn mask(channels: &Channels, runs: &[Run], records: &[Record], findings: &[Finding]) -> (Vec<Run>, Vec<Record>) {
     let (mut masked, mut clean) = (runs.to_vec(), records.to_vec());
     for finding in findings.iter().filter(|f| !f.samples.is_empty()) {
         let Some(slot) = channels.slots().find(|s| finding.channels.first().is_some_and(|c| c == channels.name(*s)))

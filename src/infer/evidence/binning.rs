@@ -136,7 +136,8 @@ impl RunBins {
     /// As [`Self::of`], for some outputs alone, in the place of what stands in the bins.
     pub(crate) fn put(&self, signal: &[f64], kept: bool, wanted: &dyn Fn(usize) -> bool, bins: &mut [f64]) {
         let q = self.outputs;
-        for OutputBins { output, samples, places, transform, offset } in self.places.iter().filter(|p| wanted(p.output)) {
+        for OutputBins { output, samples, places, transform, offset } in self.places.iter().filter(|p| wanted(p.output))
+        {
             let own = &mut bins[*offset..][..samples.len()];
             for (value, (k, place)) in own.iter_mut().zip(samples.iter().zip(places)) {
                 let deviation = self.deviations.as_ref().map_or(1.0, |d| d[k * q + output]);

@@ -124,7 +124,8 @@ pub(crate) struct Stated {
 /// The model with the stated constants as parameters, and what it states.
 pub(crate) fn doubted(model: &Model, theta: &[f64]) -> (Model, Vec<Stated>) {
     let definition = model.definition();
-    let computed = definition.graph.depends(|leaf| !matches!(leaf, Leaf::Param(k) if definition.params[k as usize].fixed));
+    let computed =
+        definition.graph.depends(|leaf| !matches!(leaf, Leaf::Param(k) if definition.params[k as usize].fixed));
     let extended = with_initials(model, theta, &|state| !computed[definition.states[state].initial.index()]);
     let own = extended.definition().params.iter().enumerate().skip(definition.params.len());
     let stated = own.filter_map(|(param, own)| match own.origin {
@@ -227,7 +228,9 @@ impl<'a> Ground<'a> {
 
     /// The unknowns of each run beside these faults.
     pub(crate) fn own(&self, faults: &[Planted]) -> Vec<usize> {
-        let begun = faults.iter().filter_map(|f| if let Planted::Beginning(k) = f { Some(self.stated[*k].param) } else { None });
+        let begun = faults
+            .iter()
+            .filter_map(|f| if let Planted::Beginning(k) = f { Some(self.stated[*k].param) } else { None });
         self.own.iter().copied().chain(begun).collect()
     }
 
@@ -300,7 +303,13 @@ impl<'a> Ground<'a> {
             Some((run.time.clone(), y, (0..asked.len()).map(column).collect()))
         };
         let all = parallel::map(0..self.runs.len(), of).into_iter().collect::<Option<Vec<_>>>()?;
-        let mut found = Responses { time: Vec::new(), y: Vec::new(), asked: asked.to_vec(), columns: Vec::new(), bins: OnceLock::new() };
+        let mut found = Responses {
+            time: Vec::new(),
+            y: Vec::new(),
+            asked: asked.to_vec(),
+            columns: Vec::new(),
+            bins: OnceLock::new(),
+        };
         for (time, y, columns) in all {
             found.time.push(time);
             found.y.push(y);

@@ -21,8 +21,8 @@ use crate::candidates::initial_fit::{plainly, with_validation_runs};
 use crate::candidates::runs::{Domain, Runs, keeps_inputs};
 use crate::evidence::decimation::decimation;
 use fdm_doctor::{
-    AloneOptions, Channels, Finding, Kinematics, Record, Role, Severity, Slot, Witness, aliased, examine_alone, information, mask,
-    pace, sort,
+    AloneOptions, Channels, Finding, Kinematics, Record, Role, Severity, Slot, Witness, aliased, examine_alone,
+    information, mask, pace, sort,
 };
 use fdm_estimate::{Estimate, FitOptions, Termination, Work};
 use fdm_system::Model;
@@ -119,7 +119,9 @@ pub fn examine_beside(
                     edits = found.edits;
                     mended = Some(found.model);
                 }
-                None => done.notes.push("nothing was compared beside the model: it has no response to these records".into()),
+                None => {
+                    done.notes.push("nothing was compared beside the model: it has no response to these records".into())
+                }
             }
         }
         None if lost => (),
@@ -133,7 +135,8 @@ pub fn examine_beside(
         // what needs no fit is told all the same
         done.findings.extend(witness.faults());
     }
-    if let Some(base) = base.as_ref().filter(|_| done.findings.iter().any(|f| !f.samples.is_empty()) && runs != masked) {
+    if let Some(base) = base.as_ref().filter(|_| done.findings.iter().any(|f| !f.samples.is_empty()) && runs != masked)
+    {
         add_biases(model, runs, &base.estimate, &mut done, work);
     }
     let lines = records.iter().flat_map(|r| aliased(r, &done.findings)).collect::<Vec<_>>();
@@ -180,7 +183,8 @@ fn beside(
     work: &Work<'_>,
 ) -> Option<Found> {
     let all = Runs { all: runs, train: runs.len(), domain: &Domain::Time };
-    let mut every = decimation(&base.fitted, all);
+    // samples that are left out of a transient tell less of where a run begins, and nothing else
+    let mut every = decimation(&base.fitted, all, false);
     while every > 1 && !runs.iter().all(|run| keeps_inputs(run, every)) {
         every -= (every / 4).max(1);
     }
@@ -201,7 +205,14 @@ fn beside(
     let at = |theta: Vec<Vec<f64>>| ground.refit(Point { theta, faults: Vec::new() }, None);
     let both = [at(reached), at(ground.text.clone())];
     let start = both.into_iter().flatten().max_by(|a, b| a.1.log.total_cmp(&b.1.log))?;
-    let search = Search { ground: &ground, timed, estimated: options.estimated, most: options.most, needed: options.odds.ln(), pace };
+    let search = Search {
+        ground: &ground,
+        timed,
+        estimated: options.estimated,
+        most: options.most,
+        needed: options.odds.ln(),
+        pace,
+    };
     let null = start.clone();
     let found = search.run(start);
     let weighed = told::weighed(&ground, &found);
@@ -254,4 +265,3 @@ pub fn first_cause(model: &Model, runs: &[Run], unexplained: &[&str], work: &Wor
         found.findings.into_iter().find(|f| f.severity == Severity::Finding && !f.channels.iter().all(explained))
     })
 }
-

@@ -10,7 +10,9 @@ use fdm_system::record::Cursor;
 pub(crate) fn is_of_outputs(edit: &Edit) -> bool {
     let output = |s: Slot| matches!(s, Slot::Output(_));
     match *edit {
-        Edit::Affine(s, ..) | Edit::Delay(s, _) | Edit::Drift(s, _) | Edit::Step(s, ..) | Edit::Filter(s, _) => output(s),
+        Edit::Affine(s, ..) | Edit::Delay(s, _) | Edit::Drift(s, _) | Edit::Step(s, ..) | Edit::Filter(s, _) => {
+            output(s)
+        }
         Edit::Swap(a, b) => output(a) && output(b),
         Edit::Time(_) | Edit::Hold(..) => false,
     }
@@ -20,7 +22,9 @@ pub(crate) fn is_of_outputs(edit: &Edit) -> bool {
 pub(crate) fn is_of_others(edit: &Edit) -> bool {
     let other = |s: Slot| matches!(s, Slot::Other(_));
     match *edit {
-        Edit::Affine(s, ..) | Edit::Delay(s, _) | Edit::Drift(s, _) | Edit::Step(s, ..) | Edit::Filter(s, _) => other(s),
+        Edit::Affine(s, ..) | Edit::Delay(s, _) | Edit::Drift(s, _) | Edit::Step(s, ..) | Edit::Filter(s, _) => {
+            other(s)
+        }
         Edit::Swap(a, b) => other(a) && other(b),
         Edit::Time(_) | Edit::Hold(..) => false,
     }

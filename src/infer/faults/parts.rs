@@ -50,7 +50,10 @@ impl Parts {
         };
         let information: f64 = self.parts.iter().map(|p| p.1).sum();
         let error = (self.dispersion() / information).sqrt();
-        cost(self.size) - cost(self.away) + of_amount(self.size, error, Sign::Either) + error.ln() + 0.5 * (2.0 * PI).ln()
+        cost(self.size) - cost(self.away)
+            + of_amount(self.size, error, Sign::Either)
+            + error.ln()
+            + 0.5 * (2.0 * PI).ln()
     }
 }
 

@@ -180,9 +180,19 @@ impl Search<'_> {
         let run = &ground.runs[0];
         let of = |k: usize| {
             let held = !run.held[k];
-            let words = if held { "keeps its value between samples, where straight lines were assumed" } else { "goes in straight lines between samples, where it was held" };
+            let words = if held {
+                "keeps its value between samples, where straight lines were assumed"
+            } else {
+                "goes in straight lines between samples, where it was held"
+            };
             let (slot, weight) = (Slot::Input(k), 1.0);
-            Hypothesis { fault: Fault::Hold, slots: vec![slot], edits: vec![Edit::Hold(slot, held)], what: words.into(), weight }
+            Hypothesis {
+                fault: Fault::Hold,
+                slots: vec![slot],
+                edits: vec![Edit::Hold(slot, held)],
+                what: words.into(),
+                weight,
+            }
         };
         (0..ground.channels.inputs).filter(|k| ground.runs.iter().all(|r| !r.is_stated(*k))).map(of).collect()
     }
@@ -245,7 +255,13 @@ impl Search<'_> {
     /// The likeliest hypotheses from a start, to first order, each at its likeliest size: by their own noise, by white noise, and by kinematics alone, which a
     /// model that lacks something may contradict. Those that are no likelier by white noise are none but for kinematics: noise of any colour would take the
     /// place of the motion.
-    fn ranked(&self, start: &Point, (judged, matched): (&Judged, f64), tried: &[(usize, Planted)], count: usize) -> Vec<(bool, Point)> {
+    fn ranked(
+        &self,
+        start: &Point,
+        (judged, matched): (&Judged, f64),
+        tried: &[(usize, Planted)],
+        count: usize,
+    ) -> Vec<(bool, Point)> {
         let ground = self.ground;
         let all = ground.all_unknowns(&start.faults);
         let Some(base) = ground.responses(&start.theta, &start.edits(), &all) else { return Vec::new() };
@@ -327,7 +343,12 @@ impl Search<'_> {
     }
 
     /// The gain of a point over another one: what the record says for a fault or against it is no more than its parts say together.
-    fn bounded(&self, (point, judged): (&Point, &Judged), (before, than): (&Point, &Judged), parts: Option<&Parts>) -> f64 {
+    fn bounded(
+        &self,
+        (point, judged): (&Point, &Judged),
+        (before, than): (&Point, &Judged),
+        parts: Option<&Parts>,
+    ) -> f64 {
         let whole = judged.log - than.log;
         // what kinematics and the values in the text say stands beside it
         let beside = self.ground.witnessed(point) - self.ground.witnessed(before) + judged.values - than.values;
@@ -342,14 +363,10 @@ impl Search<'_> {
 fn tempered(found: &mut [Weighed]) {
     found.iter_mut().for_each(|f| f.log = f.gain.max(f.agreed) + f.prior);
     found.sort_by(|a, b| b.log.total_cmp(&a.log));
-    let Some(power) = found.first().filter(|b| b.gain > 0.0).map(|b| (b.agreed / b.gain).clamp(0.0, 1.0)) else { return };
+    let Some(power) = found.first().filter(|b| b.gain > 0.0).map(|b| (b.agreed / b.gain).clamp(0.0, 1.0)) else {
+        return;
+    };
     let counted = |f: &Weighed| if f.agreed > f.gain { f.agreed } else { power * f.gain };
-    if std::env::var("FDM_TRACE").is_ok() {
-        eprintln!("power {power}");
-        for f in found.iter() {
-            eprintln!("   {:?} {:?} gain {:.2} agreed {:.2} prior {:.2} {:?}", f.planted.fault(), f.planted.slots(), f.gain, f.agreed, f.prior, f.planted.edits());
-        }
-    }
     found.iter_mut().for_each(|f| f.log = counted(f) + f.prior);
     found.sort_by(|a, b| b.log.total_cmp(&a.log));
 }

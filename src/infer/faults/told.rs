@@ -34,11 +34,8 @@ pub(crate) fn weighed(ground: &Ground<'_>, found: &Found) -> Vec<Weighed> {
     let logs: Vec<f64> = found.first.iter().map(|w| w.log).chain([0.0]).collect();
     let all = log_sum(&logs);
     let none = Weighed { what: "no fault of the record".into(), evidence: 0.0, probability: (-all).exp() };
-    let of = |w: &search::Weighed| Weighed {
-        what: sentence(ground, w),
-        evidence: w.log,
-        probability: (w.log - all).exp(),
-    };
+    let of =
+        |w: &search::Weighed| Weighed { what: sentence(ground, w), evidence: w.log, probability: (w.log - all).exp() };
     let mut list: Vec<Weighed> = found.first.iter().map(of).chain([none]).collect();
     list.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
     list.truncate(SHOWN);

@@ -33,7 +33,13 @@ pub(crate) struct Judged {
 
 impl Ground<'_> {
     /// The evidence of a point with these products of columns, by so many rounds, its noise begun at these weights.
-    pub(crate) fn judged(&self, point: &Point, grams: &Grams, rounds: Option<usize>, weights: Option<&[f64]>) -> Option<Judged> {
+    pub(crate) fn judged(
+        &self,
+        point: &Point,
+        grams: &Grams,
+        rounds: Option<usize>,
+        weights: Option<&[f64]>,
+    ) -> Option<Judged> {
         let precision = vec![0.0; grams.shared()];
         let question = Question { grams, noise: &self.binning.noise, precision: &precision, own: &[] };
         let evidence = match rounds {
