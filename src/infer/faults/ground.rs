@@ -139,6 +139,14 @@ pub(crate) fn doubted(model: &Model, theta: &[f64]) -> (Model, Vec<Stated>) {
     (extended, stated)
 }
 
+/// Values in the text, with the beginnings that runs show where the text states none.
+fn begun(model: &Model, runs: &[Run], stated: &[Stated]) -> Vec<Vec<f64>> {
+    let mut text = starts(model, runs, &Changes::default());
+    let params = &model.definition().params;
+    text.iter_mut().for_each(|theta| stated.iter().for_each(|s| theta[s.param] = params[s.param].value));
+    text
+}
+
 /// See the module.
 pub(crate) struct Ground<'a> {
     pub(crate) model: &'a Model,
@@ -184,8 +192,7 @@ impl<'a> Ground<'a> {
             (0..params.len()).filter(|k| !params[*k].fixed && params[*k].per_run == own && !known(k)).collect()
         };
         let (shared, own) = (pick(false), pick(true));
-        let mut text = starts(model, runs, &Changes::default());
-        text.iter_mut().for_each(|theta| stated.iter().for_each(|s| theta[s.param] = params[s.param].value));
+        let text = begun(model, runs, &stated);
         let steps: Vec<Steps> = fitted.predictors.iter().filter_map(|p| p.steps().cloned()).collect();
         let q = fitted.outputs();
         let deviation = |o: usize| {
@@ -250,6 +257,17 @@ impl<'a> Ground<'a> {
     pub(crate) fn keeps_inputs(&self, edit: &Edit) -> bool {
         let hidden = self.model.definition().inputs.len() > self.channels.inputs;
         is_of_others(edit) || is_of_outputs(edit) && !hidden
+    }
+
+    /// Values in the text, beside runs as edits make them.
+    pub(crate) fn text_of(&self, edits: &[Edit]) -> Vec<Vec<f64>> {
+        let of_outputs = |e: &Edit| matches!(e, Edit::Affine(Slot::Output(_), ..) | Edit::Swap(Slot::Output(_), _));
+        if !edits.iter().any(of_outputs) {
+            return self.text.clone();
+        }
+        let of = |r: usize| edited(&self.runs[r], &self.records[r], self.channels, edits, self.model.definition()).ok();
+        let runs: Option<Vec<Run>> = (0..self.runs.len()).map(of).collect();
+        runs.map_or_else(|| self.text.clone(), |runs| begun(self.model, &runs, &self.stated))
     }
 
     /// The edits that change what is simulated.

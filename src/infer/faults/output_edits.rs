@@ -50,7 +50,7 @@ pub(crate) fn touched(edits: &[Edit], q: usize) -> Vec<bool> {
 }
 
 /// What the inverses of edits make of a response (N by q), the last one first; of a derivative the constants are left out. `time` are the times of the
-/// samples as the edits have them. Before the record a response goes on straight as it began, behind it as it ended.
+/// samples as the edits have them. Before the record a response goes on straight as it began; behind it, it stays as it ended, as inputs do.
 pub(crate) fn undone(edits: &[Edit], time: &[f64], q: usize, derivative: bool, values: &mut [f64]) {
     for edit in edits.iter().rev() {
         match *edit {
@@ -92,7 +92,7 @@ fn moved(time: &[f64], values: &mut [f64], (place, width): (usize, usize), at: i
         let (da, db) = (slope(left) * step, slope(left + 1) * step);
         // Hermite's cubic
         let (s, u) = (part, 1.0 - part);
-        let beyond = (asked - inside) / step * if asked < inside { da } else { db };
+        let beyond = if asked < inside { (asked - inside) / step * da } else { 0.0 };
         values[k * width + place] =
             u * u * ((1.0 + 2.0 * s) * a + s * da) + s * s * ((1.0 + 2.0 * u) * b - u * db) + beyond;
     }

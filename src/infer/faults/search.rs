@@ -151,12 +151,11 @@ impl Search<'_> {
                 count += 1;
             }
         }
-        let text = Point { theta: ground.text.clone(), ..point.clone() };
         let matched = self.matched(point);
         let Some(matched) = matched else { return (Vec::new(), 0) };
         let mut begun: Vec<(bool, Point)> = Vec::new();
-        for start in [point, &text] {
-            begun.extend(self.ranked(start, (judged, matched), &tried, count));
+        for from_text in [false, true] {
+            begun.extend(self.ranked(point, from_text, (judged, matched), &tried, count));
         }
         let fits = tried.len() + begun.len();
         let refitted = |(plainly, begun): (bool, Point)| {
@@ -257,22 +256,34 @@ impl Search<'_> {
     /// place of the motion.
     fn ranked(
         &self,
-        start: &Point,
+        beside: &Point,
+        from_text: bool,
         (judged, matched): (&Judged, f64),
         tried: &[(usize, Planted)],
         count: usize,
     ) -> Vec<(bool, Point)> {
         let ground = self.ground;
-        let all = ground.all_unknowns(&start.faults);
+        let all = ground.all_unknowns(&beside.faults);
+        let text;
+        let start = match from_text {
+            false => beside,
+            true => {
+                text = Point { theta: ground.text.clone(), ..beside.clone() };
+                &text
+            }
+        };
         let Some(base) = ground.responses(&start.theta, &start.edits(), &all) else { return Vec::new() };
         let known = ground.witnessed(start);
         let promise = |(kind, planted): &(usize, Planted)| -> Option<(usize, [f64; 3], Point)> {
             if !ground.work.goes_on() {
                 return None;
             }
-            let point = start.with(planted.clone());
+            let mut point = start.with(planted.clone());
+            // a run begins where the record says, as the edits have it
+            point.theta = if from_text { ground.text_of(&point.edits()) } else { point.theta };
             let own: Responses;
-            let responses = match planted.edits().iter().all(|e| ground.keeps_inputs(e)) {
+            let kept = planted.edits().iter().all(|e| ground.keeps_inputs(e)) && point.theta == start.theta;
+            let responses = match kept {
                 true => &base,
                 false => {
                     own = ground.responses_of(&point)?;
@@ -353,7 +364,7 @@ impl Search<'_> {
         // what kinematics and the values in the text say stands beside it
         let beside = self.ground.witnessed(point) - self.ground.witnessed(before) + judged.values - than.values;
         let own = whole - beside;
-        let agreed = |parts: &Parts| if own > 0.0 { own.min(parts.gain()) } else { own.max(parts.gain()) };
+        let agreed = |parts: &Parts| if own > 0.0 { own.min(parts.gain()) } else { own.max(parts.gain()).min(0.0) };
         parts.map_or(whole, |parts| agreed(parts) + beside)
     }
 }
