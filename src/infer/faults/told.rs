@@ -3,9 +3,9 @@
 use super::ground::{Ground, Planted, Point};
 use super::search::{self, Accepted, Found};
 use super::weighing::Judged;
-use super::{BesideOptions, Weighed};
+use super::Weighed;
 use crate::search::log_sum;
-use fdm_doctor::{Bias, Edit, Fault, Finding, Hypothesis, Repair, Severity, Slot, time_factor};
+use fdm_doctor::{Bias, Fault, Finding, Hypothesis, Repair, Severity, Slot, time_factor};
 use fdm_estimate::{Estimate, ParameterEstimate};
 use fdm_system::record::Run;
 
@@ -75,7 +75,7 @@ fn hypothesis(ground: &Ground<'_>, point: &Point, judged: &Judged, k: usize) -> 
 }
 
 /// The accepted faults as findings; `null` is the fit without any.
-pub(crate) fn findings(ground: &Ground<'_>, found: &Found, null: &Point, _: &BesideOptions) -> Vec<Finding> {
+pub(crate) fn findings(ground: &Ground<'_>, found: &Found, null: &Point) -> Vec<Finding> {
     let edits = found.point.edits();
     let factor = time_factor(&edits);
     let of = |(k, accepted): (usize, &Accepted)| {
@@ -115,10 +115,9 @@ pub(crate) fn findings(ground: &Ground<'_>, found: &Found, null: &Point, _: &Bes
 /// What a model may lack that does the same: a constant that moves its inputs, or a lag between all inputs and the only output.
 fn lacking(ground: &Ground<'_>, planted: &Planted) -> Option<&'static str> {
     let alone = |s: Slot| matches!(s, Slot::Output(_)) && ground.channels.outputs == 1 && !ground.witness.reads(s);
-    match (planted.fault(), &planted.slots()[..], &planted.edits()[..]) {
-        (Fault::Offset, [Slot::Input(_)], _) => Some("; a constant that the model lacks, a trim, would do the same"),
-        (Fault::Filtered, [slot], _) if alone(*slot) => Some("; a lag that the model lacks would do the same"),
-        (Fault::Delay, [slot], [Edit::Delay(_, by)]) if *by > 0.0 && alone(*slot) => None,
+    match (planted.fault(), &planted.slots()[..]) {
+        (Fault::Offset, [Slot::Input(_)]) => Some("; a constant that the model lacks, a trim, would do the same"),
+        (Fault::Filtered, [slot]) if alone(*slot) => Some("; a lag that the model lacks would do the same"),
         _ => None,
     }
 }
