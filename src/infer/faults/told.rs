@@ -1,9 +1,9 @@
 //! Faults that were found, in words.
 
+use super::Weighed;
 use super::ground::{Ground, Planted, Point};
 use super::search::{self, Accepted, Found};
 use super::weighing::Judged;
-use super::Weighed;
 use crate::search::log_sum;
 use fdm_doctor::{Bias, Fault, Finding, Hypothesis, Repair, Severity, Slot, time_factor};
 use fdm_estimate::{Estimate, ParameterEstimate};
@@ -57,7 +57,10 @@ fn hypothesis(ground: &Ground<'_>, point: &Point, judged: &Judged, k: usize) -> 
         Planted::Discrete(hypothesis) => hypothesis.clone(),
         Planted::Sized(fault, size) => {
             let error = ground.parts(point, judged, k).map_or(1.0, |parts| parts.dispersion().sqrt());
-            fault.told((*size, error * ground.error_of(point, judged, k)), ground.channels, ground.span)
+            let error = error * ground.error_of(point, judged, k);
+            // a held input that moves within an interval leaves no derivative
+            let error = if error < size.abs() { error } else { f64::INFINITY };
+            fault.told((*size, error), ground.channels, ground.span)
         }
         Planted::Beginning(state) => {
             let state = &ground.stated[*state];
