@@ -1,11 +1,13 @@
 //! `fdm new`: a first model with comments, and records made up from it to try things out.
 
-use crate::failure::{Ending, Failure, Unwritten, at, ended, print};
+use crate::failure::{Ending, Failure, Unwritten, aside, at, ended, print};
 use crate::project;
 use clap::{Args, ValueEnum};
 use fdm_grammar::format::format;
 use fdm_numeric::random::SplitMix;
+use fdm_report::visible;
 use fdm_results::store::{admits, make_folder, write_new_file};
+use fdm_session::from_record::{Column as FromColumn, looked_at};
 use fdm_session::tables::{column, csv};
 use fdm_system::Model;
 use fdm_system::record::Run;
@@ -21,6 +23,9 @@ pub(crate) struct Arguments {
     /// What kind of model
     #[arg(long, value_name = "KIND", default_value = "second-order")]
     kind: Kind,
+    /// A record that the model is made for: its columns become inputs and outputs
+    #[arg(long, value_name = "RUN", conflicts_with = "kind")]
+    from: Option<PathBuf>,
 }
 
 /// The models that there are to begin with.
@@ -322,6 +327,9 @@ impl Kind {
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
     let (path, recipe) = (&arguments.target, arguments.kind.recipe());
+    if let Some(record) = &arguments.from {
+        return of_record(path, record);
+    }
     let (files, next) = match path.extension().map(|e| e.to_string_lossy().into_owned()) {
         Some(ending) if ending == "fdm" => recipe.alone(path)?,
         Some(ending) => {
@@ -347,6 +355,49 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     ended(print(&next))
 }
 
+/// Writes a model for a record, and says what was taken for what, and the command that fits it.
+fn of_record(path: &Path, record: &Path) -> Ending {
+    if path.extension().is_none_or(|e| e != "fdm") {
+        return Err(Failure::input([format!("{}: beside --from, the name of a model ends with .fdm", path.display())]));
+    }
+    if path.symlink_metadata().is_ok() {
+        return Err(Failure::input([format!("{}: exists already, and is not overwritten", path.display())]));
+    }
+    let looked = looked_at(record)?;
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let name: String = stem.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
+    let from = record.display().to_string();
+    let text = looked.model(&name, &from).or_else(|_| looked.model(&format!("model_{name}"), &from))?;
+    let shown = |columns: &[FromColumn]| -> String {
+        let one = |c: &FromColumn| {
+            let unit = c.unit.as_ref().map(|u| format!(" [{u}]")).unwrap_or_default();
+            let held = if c.held { ", held between samples" } else { "" };
+            let title = if c.title == c.name { String::new() } else { format!(", column `{}`", c.title) };
+            format!("{}{unit}{title}{held}", c.name)
+        };
+        if columns.is_empty() { "none".into() } else { columns.iter().map(one).collect::<Vec<_>>().join("; ") }
+    };
+    let (samples, interval) = looked.sampling();
+    looked.notes.iter().for_each(|note| aside(format_args!("note: {}", visible(note))));
+    let mut said = format!("{}, for {from}: {samples} samples, {interval:.3e} s apart\n", path.display());
+    said += &format!("  inputs   {}\n  outputs  {}\n", shown(&looked.inputs), shown(&looked.outputs));
+    if !looked.left_out.is_empty() {
+        said += &format!("  left out {}\n", looked.left_out.join(", "));
+    }
+    let renamed = looked.inputs.iter().chain(&looked.outputs).filter(|c| c.title != c.name);
+    let maps: String = renamed.map(|c| format!(" --map {}", word(&format!("{}={}", c.name, c.title)))).collect();
+    let (model, run) = (word(&path.display().to_string()), word(&from));
+    said += &format!("\n  fdm fit {model} {run}{maps}\n");
+    write_new_file(path, text.as_bytes()).map_err(|e| Unwritten(at(path, &e)))?;
+    ended(print(&visible(&said)))
+}
+
+/// A word of a command.
+fn word(text: &str) -> String {
+    let plain = |c: char| c.is_alphanumeric() || "=/._-:\\".contains(c);
+    if text.chars().all(plain) { text.into() } else { format!("\"{text}\"") }
+}
+
 /// A file that is to be written.
 struct New {
     path: PathBuf,
@@ -357,11 +408,7 @@ impl Recipe {
     /// A model and a record beside it, and what is said of them.
     fn alone(&self, path: &Path) -> Result<(Vec<New>, String), Failure> {
         let record = path.with_extension("csv");
-        let quoted = |p: &Path| {
-            let text = p.display().to_string();
-            if text.contains(' ') { format!("\"{text}\"") } else { text }
-        };
-        let (model_path, record_path) = (quoted(path), quoted(&record));
+        let (model_path, record_path) = (word(&path.display().to_string()), word(&record.display().to_string()));
         let text = self.template.replace("{{model}}", &model_path).replace("{{record}}", &record_path);
         let (text, model) = named(&text, path, path)?;
         let table = self.record(&model, Made { factor: 1.0, seed: 1 })?;

@@ -95,6 +95,7 @@ fn node(effect: &Effect, subject: &Subject, targets: &[&Target], e: ExprRef, par
             ("alike", [a, b]) => of_two(a, b, &|a, b| are_alike(subject, a, b)),
             ("consumes", [p, x]) => of_two(p, x, &|p, x| subject.turnover(p, x) == Some(Turnover::Consumed)),
             ("produces", [p, x]) => of_two(p, x, &|p, x| subject.turnover(p, x) == Some(Turnover::Produced)),
+            ("turns", [p]) => of_one(p, &|p| turns(subject, p)),
             ("depends", [a, b]) => match (at(a), at(b)) {
                 (Part::Rate(k) | Part::Thing(k), Part::Thing(z)) => {
                     Part::Truth(depends(subject, &targets[k].name, &targets[z].name))
@@ -141,6 +142,14 @@ fn is_intensive(unit: &Unit) -> bool {
 fn are_alike(subject: &Subject, a: &str, b: &str) -> bool {
     let (Some(a), Some(b)) = (subject.unit(a), subject.unit(b)) else { return true };
     a.same_dimension(&b)
+}
+
+/// Whether a rate makes of some species others that are measured alike: heat is no species.
+fn turns(subject: &Subject, param: &str) -> bool {
+    let [consumed, made] = [Turnover::Consumed, Turnover::Produced].map(|turnover| subject.species(param, turnover));
+    let mut all = consumed.iter().chain(&made);
+    let first = all.next().copied().unwrap_or_default();
+    !consumed.is_empty() && !made.is_empty() && all.all(|x| are_alike(subject, first, x))
 }
 
 /// Whether the rate of a state or the value of an output depends on something, lets looked through.

@@ -1,7 +1,8 @@
 //! Units of what an effect brings, from the equations it enters: solved for, line by line, until nothing more follows.
 
 use super::definition::Effect;
-use super::subject::{Subject, derived, value_of_let};
+use super::subject::{Balance, Subject, derived, value_of_let};
+use super::turnover::Turnover;
 use fdm_grammar::syntax::{BinarySign, EffectLine, Expr, ExprRef, StatementKind, SyntaxTree, Value};
 use fdm_grammar::unit::Unit;
 use std::collections::{BTreeMap, HashMap};
@@ -106,7 +107,7 @@ impl Solver<'_> {
     /// What is added to the balance of a state: its rate, or what Newton's form balances.
     fn balance(&mut self, slot: &str) -> Measure {
         let balance = self.bound.get(slot).and_then(|state| self.subject.balance(state));
-        match balance.filter(|balance| !balance.is_plain) {
+        match balance.and_then(Balance::of_forces) {
             Some(balance) => {
                 self.in_model = true;
                 let statement = self.subject.tree.statements.iter().find(|s| s.span == balance.statement);
@@ -215,6 +216,15 @@ impl Solver<'_> {
                 _ => self.unify(&at(a), &at(b)),
             },
             Expr::If(_, a, b) => self.unify(&at(a), &at(b)),
+            Expr::Call(name, arguments) if matches!(name.text.as_str(), "consumed" | "made") && !self.in_model => {
+                let turnover = if name.text == "made" { Turnover::Produced } else { Turnover::Consumed };
+                let param = arguments.first().map(|a| pool.expr(*a));
+                let Some(Expr::Name(slot)) = param else { return Measure::Unknown };
+                let species = self.bound.get(slot).map_or(Vec::new(), |p| self.subject.species(p, turnover));
+                species.into_iter().fold(known(Unit::one()), |all, x| {
+                    product(&all, &self.subject.unit(x).map_or(Measure::Unknown, known), false)
+                })
+            }
             Expr::Call(name, arguments) => {
                 let list: Vec<Measure> = arguments.iter().map(at).collect();
                 self.call(&name.text, &list)

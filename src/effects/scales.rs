@@ -72,6 +72,8 @@ pub(super) const REQUESTS: &[(&str, usize, &str)] = &[
     ("start", 1, "start(x)"),
     ("grid", 3, "grid(a, b, n)"),
 ];
+/// What stands for a product of species in an equation, with the numbers of their arguments.
+pub(super) const SPECIES: &[(&str, usize, &str)] = &[("consumed", 1, "consumed(p)"), ("made", 1, "made(p)")];
 /// Names that ask for something.
 pub(super) const NAMED_REQUESTS: &[&str] = &["step", "duration"];
 /// A fitted response may undershoot zero by this part of its greatest value.
@@ -119,7 +121,7 @@ impl Answers<'_> {
     }
 
     /// The greatest value of a signal that is never below zero; `None` where it is.
-    fn greatest_of_positive(&self, signal: &str) -> Option<f64> {
+    pub(super) fn greatest_of_positive(&self, signal: &str) -> Option<f64> {
         let [least, greatest] = [0.0, 1.0].map(|q| self.scales.level(signal, q));
         (greatest > 0.0 && least >= -NEARLY_ZERO * greatest).then_some(greatest)
     }

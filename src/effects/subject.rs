@@ -9,7 +9,8 @@ use fdm_grammar::model::{Model, Origin};
 use fdm_grammar::op::ExprId;
 use fdm_grammar::source::{Source, Span};
 use fdm_grammar::syntax::{
-    BinarySign, Declaration, Expr, ExprRef, Role, Shape, SlotKind, StatementKind, SyntaxTree, UnarySign, Value, parse,
+    BinarySign, Declaration, Expr, ExprRef, Role, Shape, SlotKind, StatementKind, SyntaxTree, UnarySign, Value,
+    each_root, parse,
 };
 use fdm_grammar::unit::Unit;
 use std::collections::{BTreeMap, BTreeSet};
@@ -72,9 +73,28 @@ impl Element<'_> {
     }
 }
 
-/// What a state's derivative belongs to: `der(x) = ...`, or in Newton's form a balance of forces.
+/// What a state's derivative belongs to.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Balance {
+pub(super) enum Balance {
+    /// An equation of this text.
+    Equation(BalanceEquation),
+    /// What reactions make of a species: the statement in which they stand.
+    Reactions(Span),
+}
+
+impl Balance {
+    /// The equation where it is no plain `der(x) = ...`: a balance of forces.
+    pub(super) fn of_forces(self) -> Option<BalanceEquation> {
+        match self {
+            Self::Equation(equation) if !equation.is_plain => Some(equation),
+            _ => None,
+        }
+    }
+}
+
+/// `der(x) = ...`, or in Newton's form a balance of forces.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct BalanceEquation {
     /// The side to which terms are added: the one without the derivative.
     pub(super) side: ExprRef,
     /// The equation.
@@ -106,8 +126,7 @@ impl Subject {
         let own: Vec<(String, BTreeSet<Leaf>)> = subject
             .balances
             .iter()
-            .filter(|(_, balance)| !balance.is_plain)
-            .filter_map(|(name, balance)| Some((name.clone(), subject.written_in(balance.statement)?)))
+            .filter_map(|(name, balance)| Some((name.clone(), subject.written_in(balance.of_forces()?.statement)?)))
             .collect();
         subject.reached.extend(own);
         Ok(subject)
@@ -282,6 +301,12 @@ impl Subject {
         self.turnovers.get_or_init(|| Turnovers::new(model)).of(model.param(param)?, state)
     }
 
+    /// Species that the constant of a rate turns over in one way, in the order of the states.
+    pub(super) fn species(&self, param: &str, turnover: Turnover) -> Vec<&str> {
+        let states = self.model.states.iter().map(|s| s.quantity.name.as_str());
+        states.filter(|x| self.balance(x).is_some() && self.turnover(param, x) == Some(turnover)).collect()
+    }
+
     /// The leaf that a name is.
     pub(super) fn leaf(&self, name: &str) -> Option<Leaf> {
         let at = |k: usize| k as u32;
@@ -311,12 +336,15 @@ impl Subject {
         })
     }
 
-    /// Every use of a name: in right sides of equations, in values of lets and outputs, in what a submodel is connected
-    /// to; the whole equation of `besides` is left out. Of an element of a vector, every use of the vector.
+    /// Every use of a name: in right sides of equations, in rates of reactions, in values of lets and outputs, in what a submodel is
+    /// connected to; the whole equation of `besides` is left out. Of an element of a vector, every use of the vector.
     pub(super) fn uses(&self, name: &str, besides: Option<&str>) -> Vec<(Span, Span)> {
         let tree = &self.tree;
         let name = vector_of(name);
-        let besides = besides.and_then(|state| self.balance(state)).map(|balance| balance.statement);
+        let besides = besides.and_then(|state| match self.balance(state)? {
+            Balance::Equation(equation) => Some(equation.statement),
+            Balance::Reactions(_) => None,
+        });
         let mut found = Vec::new();
         for statement in &tree.statements {
             let mut roots: Vec<ExprRef> = Vec::new();
@@ -330,6 +358,7 @@ impl Subject {
                     }));
                 }
                 StatementKind::Use(submodel) => roots.extend(submodel.connections.iter().map(|(_, e)| *e)),
+                StatementKind::Reactions(..) => each_root(&statement.kind, |e| roots.push(e)),
                 _ => {}
             }
             while let Some(e) = roots.pop() {
@@ -370,7 +399,7 @@ pub(super) fn derived(tree: &SyntaxTree, left: ExprRef) -> Option<&str> {
 }
 
 /// The balance of every state of the text that has one: its own equation, or else one of those in which derivatives stand, in the
-/// order of the text as far as that leaves one for each. The equation of a vector is that of each of its elements.
+/// order of the text as far as that leaves one for each, or else the reactions in which it stands. The equation of a vector is that of each of its elements.
 fn balances(tree: &SyntaxTree, model: &Model) -> BTreeMap<String, Balance> {
     let mut places: BTreeMap<&str, usize> = BTreeMap::new();
     let mut names: Vec<Vec<&str>> = Vec::new();
@@ -398,13 +427,20 @@ fn balances(tree: &SyntaxTree, model: &Model) -> BTreeMap<String, Balance> {
     for ((statement, sides, occurrences), (state, own)) in found.iter().zip(pairs.of_equation.iter().zip(&preferred)) {
         // of a derivative on both sides the left one counts
         let Some(first) = occurrences.iter().find(|o| Some(o.place) == *state) else { continue };
-        let balance = Balance {
+        let balance = BalanceEquation {
             side: sides[1 - first.side],
             statement: *statement,
             is_plain: own.is_some(),
             is_turned: first.is_turned,
         };
-        balances.extend(names[first.place].iter().map(|name| ((*name).to_string(), balance)));
+        balances.extend(names[first.place].iter().map(|name| ((*name).to_string(), Balance::Equation(balance))));
+    }
+    for statement in &tree.statements {
+        let StatementKind::Reactions(_, reactions) = &statement.kind else { continue };
+        let species = reactions.iter().flat_map(|r| r.left.iter().chain(&r.right)).map(|s| s.name.text.as_str());
+        for name in species.filter(|name| places.contains_key(name)) {
+            balances.entry(name.to_string()).or_insert(Balance::Reactions(statement.span));
+        }
     }
     balances
 }

@@ -391,8 +391,27 @@ fn friction_does_not_act_on_temperatures_and_concentrations() {
         assert_eq!((of("quadratic_term") + of("curvature"), of("constant_force")), (3, 1), "{unit}");
     }
     // a reaction goes back from what it made, and heat is no reactant
-    let back = |x: &str, z: &str| count(x, z, "reverse_reaction");
+    let back = |x: &str, z: &str| {
+        let places = Catalogue::standard().places(&subject(&text(x, z)));
+        places.candidates.iter().filter(|c| c.effect().name() == "reverse_reaction").count()
+    };
     assert_eq!([back("", ""), back("mol*m^-3", "mol*m^-3"), back("mol*m^-3", "K")], [1, 1, 0]);
+}
+
+#[test]
+fn a_step_of_reactions_is_changed_in_all_its_balances_with_all_its_reactants() {
+    let text = "model m { state A [mol/L] = 1, B [mol/L] = 1, C [mol/L] = 0, D [mol/L] = 0;
+        param k1 = 0.5 [L/(mol*min)], k2 = 0.1 [1/min]; time [min];
+        reactions { A + B -> C : k1*A*B; C -> D : k2*C; }
+        output a [mol/L] = A, c [mol/L] = C; }";
+    let back = extended(text, "reverse_reaction(k1)").text().to_string();
+    assert!(back.contains("A + B -> C : (k1 - r_k1*C/(max(A, 1e-6)*max(B, 1e-6)))*A*B;"), "{back}");
+    assert!(back.contains("r_k1 = 0 [1/min]"), "{back}");
+    // what is no reaction stands beside them
+    let lost = extended(text, "constant_force(A)").text().to_string();
+    assert!(lost.contains("der(A) = reaction(A) + force_A;"), "{lost}");
+    let slow = extended(text, "inhibition(A, D, k1)").text().to_string();
+    assert!(slow.contains("A + B -> C : (k1/(1 + c_A_D_k1*D/most_A))*A*B;"), "{slow}");
 }
 
 #[test]

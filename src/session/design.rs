@@ -47,7 +47,7 @@ pub struct Options {
     #[arg(long = "rest", value_name = "INPUT=VALUE", value_parser = amount, help_heading = "The next run")]
     rest: Vec<(String, Amount)>,
     /// Fastest motion of an input, in its unit per unit of time; steps become ramps
-    #[arg(long = "rate", value_name = "INPUT=RATE", value_parser = rate, help_heading = "The next run")]
+    #[arg(long = "rate-limit", value_name = "INPUT=RATE", value_parser = rate, help_heading = "The next run")]
     rates: Vec<(String, f64)>,
     /// How far an output may move from where the run begins, by the model; manoeuvres are made smaller until it does not
     #[arg(long = "limit", value_name = "OUTPUT=VALUE", value_parser = amount, help_heading = "The next run")]

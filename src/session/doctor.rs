@@ -103,7 +103,7 @@ impl Options {
         let common = self.records.selection.options(false);
         let files = self.records.every(&common, &model)?;
         let read = read_records(&files, &model, &[])?;
-        let records = read.into_iter().zip(files).map(|(read, file)| record(read, file, &common)).collect();
+        let records = read.into_iter().map(|(read, file)| record(read, file, &common)).collect();
         let session = Session::new(model, records, Vec::new());
         let records = self.with_other_columns(seen(&session), &session);
         Ok(self.examined(&session, records, conduct))

@@ -7,7 +7,7 @@ use clap::Args;
 use fdm_effects::{Beginning, Catalogue, Choice, Field, Kind, Nominal, Places, Scales, Subject};
 use fdm_grammar::{Diagnostic, Source};
 use fdm_results::store::read_input_text;
-use fdm_system::record::Run;
+use fdm_system::record::{Run, Topic, open_log};
 use fdm_system::{Model, ModelError};
 use similar::TextDiff;
 use std::collections::BTreeSet;
@@ -189,12 +189,15 @@ pub struct Extend {
     effect: Vec<String>,
     #[command(flatten)]
     effects: Effects,
-    /// Sampling interval of the records; start values and bounds of lags and delays follow from it
-    #[arg(long, value_parser = number, value_name = "TIME", default_value_t = 0.01)]
-    step: f64,
-    /// Length of the records
-    #[arg(long, value_parser = number, value_name = "TIME", default_value_t = 10.0)]
-    duration: f64,
+    /// A record whose times say interval and length
+    #[arg(long, value_name = "RUN")]
+    data: Option<PathBuf>,
+    /// Sampling interval of the records; start values and bounds of lags and delays follow from it [default: that of --data, or 0.01]
+    #[arg(long, value_parser = number, value_name = "TIME")]
+    step: Option<f64>,
+    /// Length of the records [default: that of --data, or 10]
+    #[arg(long, value_parser = number, value_name = "TIME")]
+    duration: Option<f64>,
 }
 
 /// How records are sampled; signals are of size 1.
@@ -209,9 +212,13 @@ pub struct Sampling {
 impl Sampling {
     /// That of the longest of runs.
     pub fn of(runs: &[Run]) -> Self {
-        let span = |run: &Run| run.time.last().zip(run.time.first()).map_or(0.0, |(end, begin)| end - begin);
-        let duration = runs.iter().map(span).fold(0.0, f64::max);
-        let step = runs.iter().map(|run| span(run) / run.len().saturating_sub(1).max(1) as f64).fold(0.0, f64::max);
+        Self::of_times(runs.iter().map(|run| &run.time[..]))
+    }
+
+    fn of_times<'t>(times: impl Iterator<Item = &'t [f64]> + Clone) -> Self {
+        let span = |time: &[f64]| time.last().zip(time.first()).map_or(0.0, |(end, begin)| end - begin);
+        let duration = times.clone().map(span).fold(0.0, f64::max);
+        let step = times.map(|time| span(time) / time.len().saturating_sub(1).max(1) as f64).fold(0.0, f64::max);
         let positive = |v: f64, otherwise: f64| if v > 0.0 && v.is_finite() { v } else { otherwise };
         Self { step: positive(step, 0.01), duration: positive(duration, 10.0) }
     }
@@ -250,11 +257,30 @@ impl Extend {
     /// [`Failure`]
     pub fn applied(&self, at: Subject) -> Result<Subject, Failure> {
         let positive = |v: f64| v > 0.0 && v.is_finite();
-        if !positive(self.step) || !positive(self.duration) {
+        let seen = self.data.as_deref().map(|path| times(path, &at)).transpose()?;
+        let seen =
+            seen.map_or(Sampling { step: 0.01, duration: 10.0 }, |time| Sampling::of_times([&time[..]].into_iter()));
+        let (step, duration) = (self.step.unwrap_or(seen.step), self.duration.unwrap_or(seen.duration));
+        if !positive(step) || !positive(duration) {
             return Err(Failure::input(["`--step` and `--duration` must be above zero"]));
         }
-        with_effects(at, &self.effect, &self.effects.read()?, Sampling { step: self.step, duration: self.duration })
+        with_effects(at, &self.effect, &self.effects.read()?, Sampling { step, duration })
     }
+}
+
+/// The times of the longest table of a record, in the unit of the model.
+fn times(path: &Path, at: &Subject) -> Result<Vec<f64>, Failure> {
+    let (log, _) = open_log(path, false).map_err(|e| Failure::Records(vec![e]))?;
+    let longest = log.topics.iter().filter_map(Topic::seconds).max_by_key(Vec::len);
+    let Some(seconds) = longest else {
+        return Err(Failure::input([format!(
+            "{}: no column holds the time; say --step and --duration",
+            path.display()
+        )]));
+    };
+    let compiled = fdm_grammar::compile(at.source()).map_err(|f| invalid(at.source(), f))?;
+    let unit = compiled.model.time.factor;
+    Ok(seconds.into_iter().map(|t| t / unit).collect())
 }
 
 /// A model with effects in it, one after the other.

@@ -21,6 +21,7 @@ pub mod failure;
 mod first_cause;
 pub mod fit;
 pub mod foreign_code;
+pub mod from_record;
 pub mod halt;
 pub mod load;
 pub mod margins;

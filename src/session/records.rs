@@ -179,6 +179,23 @@ pub struct Selection {
     /// Compare only the samples where this column holds a number that is not 0; of one output, or of all
     #[arg(long, value_name = "[OUTPUT=]COLUMN", value_parser = mask, requires = "recorded", hide_short_help = true)]
     mask: Vec<SampleMask>,
+    /// Samples per second of rows without times, or whose times count rows
+    #[arg(long, value_name = "RATE", value_parser = instant, requires = "recorded", hide_short_help = true)]
+    rate: Option<f64>,
+    /// Column that tells the runs of a table apart
+    #[arg(long, value_name = "COLUMN", requires = "recorded", hide_short_help = true)]
+    runs_by: Option<String>,
+    /// What stands in cells where nothing was measured, beside empty ones, `NA`, `.` and -999
+    ///
+    /// A number or word; `none` where -999 was measured.
+    #[arg(long, value_name = "CODE", allow_hyphen_values = true, requires = "recorded", hide_short_help = true)]
+    missing: Vec<String>,
+    /// Leave values below a limit (`<0.5`, BLQ) out, as if they were missing
+    #[arg(long, value_name = "HOW", value_parser = ["missing"], requires = "recorded", hide_short_help = true)]
+    below_limit: Option<String>,
+    /// Rows of one time are repeats, each in a run of its own
+    #[arg(long, requires = "recorded", hide_short_help = true)]
+    replicates: bool,
 }
 
 impl Records {
@@ -299,14 +316,12 @@ impl Records {
         refuse_both(&files, &validation)?;
         let mut records = read_records(&files, &model, &[])?;
         let fitted = records.len();
-        let elsewhere = measured(&model, records.iter().map(|(run, _)| run));
+        let elsewhere = measured(&model, records.iter().map(|((run, _), _)| run));
         records.extend(read_records(&validation, &model, &elsewhere)?);
         if !quiet {
             say_notes(&records);
         }
-        let files = files.into_iter().chain(validation);
-        let mut records: Vec<Record> =
-            records.into_iter().zip(files).map(|(read, file)| record(read, file, &common)).collect();
+        let mut records: Vec<Record> = records.into_iter().map(|(read, file)| record(read, file, &common)).collect();
         let validation = records.split_off(fitted);
         Session::new(model, records, validation).judged(self.strict, quiet)
     }
@@ -317,23 +332,26 @@ impl Records {
     /// [`Failure`]
     pub fn predicted(&self, model: Model, quiet: bool) -> Result<Session, Failure> {
         let files = self.predicted_files(&model)?;
-        let runs = read_runs(&files, &model, &vec![true; model.layout().outputs], quiet)?;
-        self.refuse(&model, &runs)?;
+        let read = read_records(&files, &model, &vec![true; model.layout().outputs])?;
+        if !quiet {
+            say_notes(&read);
+        }
+        self.refuse(&model, read.iter().map(|((run, _), _)| run))?;
         let common = self.selection.options(true);
-        let record = |(run, file)| {
+        let record = |((run, _), file)| {
             let source = Some(Source { file, common: common.clone() });
             Record { run, origin: Origin { source, summary: None } }
         };
-        Ok(Session::new(model, runs.into_iter().zip(files).map(record).collect(), Vec::new()))
+        Ok(Session::new(model, read.into_iter().map(record).collect(), Vec::new()))
     }
 
     /// Refuses runs with findings where `--strict` was typed.
     ///
     /// # Errors
     /// [`Failure::Strict`]
-    pub fn refuse(&self, model: &Model, runs: &[Run]) -> Result<(), Failure> {
+    pub fn refuse<'r>(&self, model: &Model, runs: impl Iterator<Item = &'r Run>) -> Result<(), Failure> {
         if self.strict {
-            refuse_findings(judged(model, runs.iter().map(|run| (run, None))).as_ref(), true, false)?;
+            refuse_findings(judged(model, runs.map(|run| (run, None))).as_ref(), true, false)?;
         }
         Ok(())
     }
@@ -365,6 +383,12 @@ impl Selection {
             known: self.known.clone(),
             groups: self.group.iter().cloned().collect(),
             masks: self.mask.clone(),
+            rate: self.rate,
+            missing: self.missing.clone(),
+            below_missing: self.below_limit.is_some(),
+            replicates: self.replicates,
+            runs_by: self.runs_by.clone(),
+            part: None,
         }
     }
 }
@@ -383,7 +407,7 @@ fn refuse_both(fitted: &[RecordFile], validation: &[RecordFile]) -> Result<(), F
     let place = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
     // another part of the same file is another record
     let is = |one: &RecordFile, other: &RecordFile| {
-        let part = |file: &RecordFile| (file.options.from, file.options.to);
+        let part = |file: &RecordFile| (file.options.from, file.options.to, file.options.part);
         place(&one.path) == place(&other.path) && part(one) == part(other)
     };
     let both = validation.iter().filter(|file| fitted.iter().any(|other| is(file, other)));
@@ -420,26 +444,35 @@ pub fn read_runs(files: &[RecordFile], model: &Model, elsewhere: &[bool], quiet:
     if !quiet {
         say_notes(&records);
     }
-    Ok(records.into_iter().map(|(run, _)| run).collect())
+    Ok(records.into_iter().map(|((run, _), _)| run).collect())
 }
 
-/// Reads runs; the problems of all files are reported together. Runs are named after their files. Outputs that are measured `elsewhere`
+/// A run with what was found while it was read, and the file, or the part of one, that it was read from.
+pub(crate) type ReadRun = ((Run, Summary), RecordFile);
+
+/// Reads runs, of a file with several all; the problems of all files are reported together. Runs are named after their files. Outputs that are measured `elsewhere`
 /// (q, or nothing) may be missing in all of them.
-pub(crate) fn read_records(
-    files: &[RecordFile],
-    model: &Model,
-    elsewhere: &[bool],
-) -> Result<Vec<(Run, Summary)>, Failure> {
+pub(crate) fn read_records(files: &[RecordFile], model: &Model, elsewhere: &[bool]) -> Result<Vec<ReadRun>, Failure> {
     let channels = channels(model.definition());
     let each: Vec<(&Path, &ReadOptions)> = files.iter().map(|f| (f.path.as_path(), &f.options)).collect();
-    let mut runs = read_each(&each, &channels, elsewhere).map_err(Failure::Records)?;
-    for ((run, summary), file) in runs.iter_mut().zip(files) {
-        summary.notes.extend(questioned(model.definition(), run, summary));
-        file.name.iter().for_each(|name| run.name.clone_from(name));
+    let read = read_each(&each, &channels, elsewhere).map_err(Failure::Records)?;
+    let mut runs = Vec::new();
+    for (found, file) in read.into_iter().zip(files) {
+        let several = found.len() > 1;
+        for (part, (mut run, mut summary)) in found.into_iter().enumerate() {
+            summary.notes.extend(questioned(model.definition(), &run, &summary));
+            let mut file = file.clone();
+            if several {
+                file.options.part = Some(part);
+            } else {
+                file.name.iter().for_each(|name| run.name.clone_from(name));
+            }
+            runs.push(((run, summary), file));
+        }
     }
-    number_equal_names(runs.iter_mut().map(|(run, _)| run).collect());
+    number_equal_names(runs.iter_mut().map(|((run, _), _)| run).collect());
     let mut known = files_of_runs();
-    known.extend(runs.iter().zip(files).map(|((run, _), file)| (run.name.clone(), file.path.display().to_string())));
+    known.extend(runs.iter().map(|((run, _), file)| (run.name.clone(), file.path.display().to_string())));
     drop(known);
     Ok(runs)
 }
@@ -470,9 +503,9 @@ pub(crate) fn number_equal_names(runs: Vec<&mut Run>) {
 }
 
 /// Says what a careful reader would mention about the records.
-pub(crate) fn say_notes(records: &[(Run, Summary)]) {
+pub(crate) fn say_notes(records: &[ReadRun]) {
     let mut told: Vec<(String, Vec<&str>)> = Vec::new();
-    for (run, summary) in records {
+    for ((run, summary), _) in records {
         for note in notes(summary) {
             match told.iter_mut().find(|(other, _)| *other == note) {
                 Some((_, runs)) => runs.push(&run.name),

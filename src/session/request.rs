@@ -13,7 +13,7 @@ use crate::conduct::Conduct;
 use crate::effects::{as_text, difference, subject_of};
 use crate::failure::OrFailure;
 use crate::progress_file::Course;
-use crate::records::{Records, notes, read_records, record};
+use crate::records::{ReadRun, Records, notes, read_records, record};
 use crate::session::{Origin, Session};
 use crate::verb::Verb;
 use crate::{
@@ -214,11 +214,14 @@ pub fn read(model: &Model, sources: &[Source], elsewhere: &[bool]) -> Result<Vec
     };
     let files: Vec<RecordFile> = sources.iter().map(file).collect();
     let read = read_records(&files, model, elsewhere)?;
-    let one = |(read, Source { file, common }): (_, &Source)| {
-        let (_, summary) = &read;
-        (notes(summary), record(read, file.clone(), common))
+    let common = |file: &RecordFile| sources.iter().find(|s| s.file.path == file.path).map(|s| &s.common);
+    let one = |(read, file): ReadRun| {
+        let (said, common) = (notes(&read.1), common(&file).cloned().unwrap_or_default());
+        // what is read again has squares that are taken, unless it is only simulated
+        let options = ReadOptions { any_size: false, ..file.options };
+        (record(read, RecordFile { options, ..file }, &common), said)
     };
-    Ok(read.into_iter().zip(sources).map(one).map(|(notes, record)| (record, notes)).collect())
+    Ok(read.into_iter().map(one).collect())
 }
 
 /// A fit by any method.

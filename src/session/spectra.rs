@@ -105,7 +105,7 @@ impl Options {
         let files = self.records.files(Role::Fit, &self.records.selection.options(false), &model)?;
         self.records.say_left(&model, quiet)?;
         let runs = read_runs(&files, &model, &[], quiet)?;
-        self.records.refuse(&model, &runs)?;
+        self.records.refuse(&model, runs.iter())?;
         Ok(Session::new(model, runs.into_iter().map(Record::in_memory).collect(), Vec::new()))
     }
 

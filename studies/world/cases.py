@@ -89,8 +89,7 @@ def names_of(family, effect, size, start, rivals=None, whole=0.0):
             if not any(r["effect"] == name and r["targets"] == places for r in right):
                 right.append({"effect": name, "targets": places, "why": why})
 
-    # of a reaction backwards it is enough that the species is named
-    add(effect.kind, [effect.place] + [effect.other] * (effect.other != "" and effect.kind != "reverse"), "the truth")
+    add(effect.kind, [effect.place] + [effect.other] * (effect.other != ""), "the truth")
     for kind, places, why in same_kinds(family, effect, start, size):
         add(kind, places.split(", "), why)
         # and what is the same as that, where it is a kind that this set hides

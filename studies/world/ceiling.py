@@ -38,7 +38,7 @@ def judged(path):
     found = gains(bench, [], off, base, records, off(bench.direction(measured[..., None], base, records))[:, 0])
 
     def right(effect):
-        places = [effect.place] + [effect.other] * (effect.other != "" and effect.kind != "reverse")
+        places = [effect.place] + [effect.other] * (effect.other != "")
         return any(matches(truth["right"][0], {"effect": n, "targets": places}) for n in NAMES.get(effect.kind, [effect.kind]))
 
     own = max(gain for key, gain in found.items() if right(next(e for e in family.effects if e.key == key)))

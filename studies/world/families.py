@@ -387,7 +387,7 @@ def reactor():
         rates, lambda x, u, p: [x[0], x[1], x[2]], manoeuvre,
         {"A": ("", "-r1"), "B": ("", "r1 - r2"), "T": ("Cp", "H1*r1 + UA*(Tj - T)")},
         driven(("input_bias", "input_gain", "delay", "lag"), ["Tj"])
-        + [Hidden("order", "A"), Hidden("reverse", "A", "B"), Hidden("radiation", "T", fixed={"surroundings": 295}),
+        + [Hidden("order", "A"), Hidden("reverse", "k1"), Hidden("radiation", "T", fixed={"surroundings": 295}),
            Hidden("constant", "T", sign=-1), Hidden("output_bias", "temperature", sign=0), Hidden("output_bias", "cA", sign=0),
            Hidden("output_bias", "cB", sign=0), Hidden("drift", "temperature", sign=0), Hidden("drift", "cA", sign=0),
            Hidden("drift", "cB", sign=0)],

@@ -60,6 +60,71 @@ fn a_new_model_checks_simulates_and_fits() {
     }
 }
 
+/// A first-order lag under a command that steps, as a logger writes it: names that are none of the language, a row of units, a text.
+fn logged() -> String {
+    let mut text = "Vehicle,7\nTimestamp,/drive/cmd,Speed,State,Constant\nms,V,m/s,,-\n".to_string();
+    let mut speed = 0.2;
+    for k in 0..200 {
+        let command = if (k / 25) % 2 == 0 { 1.0 } else { -0.5 };
+        let noise = 0.01 * f64::from((k * k) % 13 - 6) / 6.0;
+        text += &format!("{},{command},{:.5},run,3\n", 20 * k, speed + noise);
+        speed += (1.0 - (-0.02_f64 / 0.25).exp()) * (1.8 * command - speed);
+    }
+    text
+}
+
+#[test]
+fn a_model_is_made_for_a_record_and_fits_at_once() {
+    let at = Desk::with([("log.csv", logged().as_str())]);
+    let said = at.good("new own.fdm --from log.csv");
+    assert!(said.contains("drive_cmd [V], column `/drive/cmd`, held between samples"), "{said}");
+    assert!(said.contains("outputs  Speed [m/s]") && said.contains("left out Constant"), "{said}");
+    assert!(said.contains("fdm fit own.fdm log.csv --map drive_cmd=/drive/cmd"), "{said}");
+    at.good("fmt --check own.fdm");
+    let fitted = at.good("fit own.fdm log.csv --map drive_cmd=/drive/cmd --json -q");
+    let fitted: Value = serde_json::from_str(&fitted).unwrap();
+    let value = |name: &str| {
+        let parameters = fitted["parameters"].as_array().unwrap();
+        parameters.iter().find(|p| p["name"] == name).and_then(|p| p["value"].as_f64()).unwrap()
+    };
+    assert!((value("T_Speed") - 0.25).abs() < 0.01 && (value("K_Speed_drive_cmd") - 1.8).abs() < 0.02, "{fitted}");
+    assert!(at.refused("new own.fdm --from log.csv").contains("exists already"));
+    at.write("untimed.csv", "u,y\n1,2\n2,3\n3,5\n");
+    assert!(at.refused("new other.fdm --from untimed.csv").contains("no column holds the time"));
+    assert!(at.refused("new folder --from log.csv").contains(".fdm"));
+}
+
+#[test]
+fn what_is_refused_names_the_option_that_opens_it() {
+    let model = "model lag { input u [V]; state x = free; param K = 1, T = 0.5 in [0.01, 10] [s]; der(x) = (K*u - x)/T; output y = x; }";
+    let rows = |form: &dyn Fn(i32, f64, f64) -> String| -> String {
+        let y = |k: i32| 1.8 * (1.0 - (-0.08 * f64::from(k)).exp()) + 0.001 * f64::from((k * k) % 7);
+        (0..60).map(|k| form(k, 1.0, y(k))).collect()
+    };
+    let at = Desk::with([("m.fdm", model)]);
+    at.write("bare.csv", format!("u,y\n{}", rows(&|_, u, y| format!("{u},{y}\n"))));
+    at.write("micro.csv", format!("timestamp,u,y\n{}", rows(&|k, u, y| format!("{},{u},{y}\n", 20_000 * k))));
+    let run = |name: &str| rows(&|k, u, y| format!("{name},{},{u},{y}\n", 0.02 * f64::from(k)));
+    at.write("runs.csv", format!("id,t,u,y\n{}{}", run("a"), run("b")));
+    let refused = |words: &str| at.refused(words).split_whitespace().collect::<Vec<_>>().join(" ");
+    assert!(refused("fit m.fdm bare.csv").contains("--rate N"));
+    at.good("fit m.fdm bare.csv --rate 50 -q");
+    assert!(refused("fit m.fdm micro.csv").contains("t=timestamp [UNIT]"));
+    at.good("fit m.fdm micro.csv --map t=timestamp[us] -q");
+    assert!(refused("fit m.fdm runs.csv").contains("--runs-by \"id\""));
+    let fitted: Value = serde_json::from_str(&at.good("fit m.fdm runs.csv --runs-by id --json -q")).unwrap();
+    let runs: Vec<_> =
+        fitted["records"]["assumed"].as_array().into_iter().flatten().map(|r| r["run"].clone()).collect();
+    assert_eq!(runs, ["runs#a", "runs#b"]);
+    at.write("empty.csv", "t,x\n");
+    assert!(refused("data empty.csv").contains("no rows"));
+    at.write("slow.csv", format!("t,u,y\n{}", rows(&|k, u, y| format!("{},{u},{y}\n", 5 * k))));
+    assert_ne!(
+        at.good("extend m.fdm --effect input_delay(u)"),
+        at.good("extend m.fdm --effect input_delay(u) --data slow.csv")
+    );
+}
+
 #[test]
 fn a_new_project_of_every_kind_fits_and_predicts() {
     let kinds = [

@@ -448,8 +448,15 @@ fn heat_radiated_to_a_room() {
     let (dt, samples) = (5.0, 400);
     let inputs = |run: f64| {
         move |t: f64| {
-            let on = ((0.004 * (1.0 + 0.2 * run) * t + 0.7 * run).sin() + (0.0131 * t).sin()) > -0.4;
-            [if on { 45.0 } else { 5.0 }, 21.0 + 2.0 * (0.003 * t + run).sin()]
+            let power = |sample: f64| {
+                let t = dt * sample;
+                let on = ((0.004 * (1.0 + 0.2 * run) * t + 0.7 * run).sin() + (0.0131 * t).sin()) > -0.4;
+                if on { 45.0 } else { 5.0 }
+            };
+            // what is switched between two samples goes over in a straight line, as a record says that does not hold its inputs
+            let (before, part) = ((t / dt).floor(), (t / dt).fract());
+            let power = (1.0 - part) * power(before) + part * power(before + 1.0);
+            [power, 21.0 + 2.0 * (0.003 * t + run).sin()]
         }
     };
     let run = |number: f64, name: &str| {

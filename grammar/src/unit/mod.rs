@@ -8,9 +8,11 @@
 //! The zero of `degC` and `degF` counts when the unit stands alone; in products they are differences.
 
 mod parse;
+mod spelled;
 mod symbols;
 
 pub use parse::UnitError;
+pub use spelled::Spelled;
 pub use symbols::names as symbols;
 
 use symbols::Symbol;
@@ -45,6 +47,20 @@ impl Unit {
     /// The place in the text, what is wrong there and, for an unknown symbol, the nearest known one.
     pub fn parse(text: &str) -> Result<Self, UnitError> {
         parse::parse(text)
+    }
+
+    /// Reads a unit as loggers and people spell it, as [`Unit::parse`] does and beyond: `RPM`, `Nm`, `knots`, `degrees per second`, `Deg C`.
+    ///
+    /// # Errors
+    /// As [`Unit::parse`].
+    pub fn spelled(text: &str) -> Result<Spelled, UnitError> {
+        spelled::spelled(text)
+    }
+
+    /// The unit that is meant by a sign of two meanings where numbers are wanted in `to`, and its first meaning is no such thing: `g` of an
+    /// acceleration (`g0`) or a load factor, `C` of a temperature, `lb` of a force.
+    pub fn meant(text: &str, to: &Self) -> Option<Spelled> {
+        spelled::meant(text, to)
     }
 
     /// The second.

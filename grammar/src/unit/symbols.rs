@@ -1,5 +1,7 @@
 //! THE table of unit symbols and prefixes.
 
+use super::spelled;
+
 /// What a row of the table says: symbol, size in SI units, dimension, value of its zero, whether it takes prefixes.
 struct Row {
     name: &'static str,
@@ -221,53 +223,9 @@ pub(super) fn nearest(text: &str) -> Option<String> {
     if text.chars().count() > 12 {
         return None;
     }
-    // what people write out: the table holds symbols, this the few words that are no slips of them
-    let words = [
-        ("meter", "m"),
-        ("metre", "m"),
-        ("feet", "ft"),
-        ("foot", "ft"),
-        ("second", "s"),
-        ("seconds", "s"),
-        ("mps", "m/s"),
-        ("fps", "ft/s"),
-        ("kmh", "km/h"),
-        ("kph", "km/h"),
-        ("kmph", "km/h"),
-        ("gpm", "gal/min"),
-        ("inches", "in"),
-        ("kilogram", "kg"),
-        ("gram", "g"),
-        ("pascal", "Pa"),
-        ("joule", "J"),
-        ("watt", "W"),
-        ("hertz", "Hz"),
-        ("amp", "A"),
-        ("ampere", "A"),
-        ("mole", "mol"),
-        ("molar", "M"),
-        ("dimensionless", "1"),
-        ("unitless", "1"),
-        ("none", "1"),
-        ("minute", "min"),
-        ("hour", "h"),
-        ("degree", "deg"),
-        ("degrees", "deg"),
-        ("radian", "rad"),
-        ("radians", "rad"),
-        ("newton", "N"),
-        ("pound", "lb"),
-        ("knots", "kt"),
-        ("kelvin", "K"),
-        ("celsius", "degC"),
-        ("volt", "V"),
-        ("gee", "g0"),
-        ("liter", "L"),
-        ("litre", "L"),
-    ];
     let lower = text.to_lowercase();
     let singular = lower.strip_suffix('s').unwrap_or(&lower);
-    let word = words.iter().find(|(w, _)| *w == lower || *w == singular).map(|(_, s)| *s);
+    let word = spelled::word(text);
     let symbols = names;
     let other_case = || symbols().find(|s| s.to_lowercase() == lower);
     if let Some(known) = word.or_else(other_case) {
@@ -275,9 +233,9 @@ pub(super) fn nearest(text: &str) -> Option<String> {
     }
     // a slip of a word that is written out, but not of a short one, which would be any symbol
     let written = || {
-        let long = words.iter().map(|(w, _)| *w).filter(|w| w.len() >= 4 && lower.len() >= 4);
+        let long = spelled::words().filter(|w| w.len() >= 4 && lower.len() >= 4);
         let near = crate::diagnostic::nearest(singular, long)?;
-        words.iter().find(|(w, _)| *w == near).map(|(_, symbol)| (*symbol).to_string())
+        spelled::word(near).map(String::from)
     };
     product(text).or_else(|| crate::diagnostic::nearest(text, symbols()).map(String::from)).or_else(written)
 }

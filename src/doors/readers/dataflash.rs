@@ -252,7 +252,7 @@ impl State {
                     "TimeMS" => Some("ms".into()),
                     _ => self.unit(letter(place.label, |u| &u.units), letter(place.label, |u| &u.factors), place.scale),
                 };
-                Field { name: label.clone(), unit, values: rows.iter().map(|r| column[*r]).collect() }
+                Field::new(label.clone(), unit.as_deref(), rows.iter().map(|r| column[*r]).collect())
             };
             let fields = kind.places.iter().zip(&kind.columns).map(field).collect();
             topics.push(Topic { name, time, fields });

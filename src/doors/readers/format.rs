@@ -25,12 +25,23 @@ pub enum Format {
     Parquet,
     /// A workbook of Excel.
     Xlsx,
+    /// JSON: arrays of objects, objects of arrays.
+    Json,
 }
 
 impl Format {
     /// All formats.
-    pub const ALL: [Self; 8] =
-        [Self::Npz, Self::Npy, Self::Mat, Self::ULog, Self::DataFlash, Self::Hdf5, Self::Parquet, Self::Xlsx];
+    pub const ALL: [Self; 9] = [
+        Self::Npz,
+        Self::Npy,
+        Self::Mat,
+        Self::ULog,
+        Self::DataFlash,
+        Self::Hdf5,
+        Self::Parquet,
+        Self::Xlsx,
+        Self::Json,
+    ];
 
     /// The name that people use.
     pub fn name(self) -> &'static str {
@@ -43,6 +54,7 @@ impl Format {
             Self::Hdf5 => "HDF5",
             Self::Parquet => "Parquet",
             Self::Xlsx => "XLSX",
+            Self::Json => "JSON",
         }
     }
 
@@ -56,6 +68,7 @@ impl Format {
             Self::Hdf5 => "hdf5",
             Self::Parquet => "parquet",
             Self::Xlsx => "xlsx",
+            Self::Json => "json",
         }
     }
 
@@ -77,6 +90,7 @@ impl Format {
             () if begins(b"PAR1") => Some(Self::Parquet),
             () if begins(b"MATLAB 5.0 MAT-file") || begins(b"MATLAB 7.3 MAT-file") => Some(Self::Mat),
             () if matches!(bytes.get(124..128), Some([0, 1, b'I', b'M'] | [1, 0, b'M', b'I'])) => Some(Self::Mat),
+            () if is_json(bytes) => Some(Self::Json),
             () => None,
         }
     }
@@ -97,6 +111,8 @@ impl Format {
             Self::Parquet => Some(&crate::parquet::Parquet),
             #[cfg(feature = "xlsx")]
             Self::Xlsx => Some(&crate::xlsx::Xlsx),
+            #[cfg(feature = "json")]
+            Self::Json => Some(&crate::json::Json),
             #[allow(unreachable_patterns, reason = "a build with all readers leaves none over")]
             _ => None,
         }
@@ -141,4 +157,19 @@ fn reader_of(bytes: &[u8]) -> Result<(Format, &'static dyn Reader), ReadError> {
     };
     let off = ReadError::Off { format: format.name(), feature: format.feature() };
     Ok((format, format.reader().ok_or(off)?))
+}
+
+/// Whether bytes are JSON, by how they begin: a text table may begin with a bracket too, and no object or row of numbers.
+fn is_json(bytes: &[u8]) -> bool {
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    let mut signs = bytes.iter().filter(|b| !b.is_ascii_whitespace());
+    match (signs.next(), signs.next()) {
+        (Some(b'{'), Some(b'"')) => true,
+        (Some(b'['), Some(b'{' | b'[')) => true,
+        // a line of a text ends with the bracket of a name or a unit; an array has commas within
+        (Some(b'['), Some(b'0'..=b'9' | b'-' | b'"')) => {
+            bytes.iter().take_while(|b| **b != b']').filter(|b| **b == b',').count() > 1
+        }
+        _ => false,
+    }
 }

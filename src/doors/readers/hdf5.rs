@@ -2,8 +2,10 @@
 //!
 //! Only what a writer asked for is protected by checksums (`fletcher32`, packed chunks); other numbers are as they stand.
 
-use crate::log::{Damage, Field, Log, ReadError, Reader, by_length};
-use hdf5_pure::{AttrValue, DType, Dataset, File, Group};
+use crate::bytes::Number;
+use crate::log::{Damage, Field, Log, ReadError, Reader, by_length, of_matrix};
+use crate::members::{Kind, Member, append_record, empty_columns};
+use hdf5_pure::{AttrValue, CompoundMember, DType, Dataset, Datatype, DatatypeByteOrder, File, Group};
 
 /// The reader.
 pub(crate) struct Hdf5;
@@ -108,7 +110,7 @@ impl State {
                     | DType::U32
                     | DType::U64
             );
-        if !numbers {
+        if !numbers && !matches!(kind, DType::Compound(_)) {
             self.remarks.push(format!("`{name}` holds no numbers"));
             return;
         }
@@ -119,6 +121,12 @@ impl State {
         if [&shape, &chunk].iter().any(|shape| bytes(shape).is_none_or(|n| n > most)) {
             return self.lost(name, format_args!("the shape {shape:?} is larger than the file can hold"));
         }
+        if let (DType::Compound(_), Ok(Datatype::Compound { size, members })) = (&kind, set.datatype()) {
+            return match records(set, size as usize, &members) {
+                Ok(fields) => self.fields.extend(fields),
+                Err(what) => self.lost(name, what),
+            };
+        }
         let values = match set.read_f64() {
             Ok(values) => values,
             Err(e) => return self.lost(name, e),
@@ -128,22 +136,77 @@ impl State {
             return self.lost(name, format_args!("{} numbers for the shape {shape:?}", values.len()));
         }
         let unit = text("units").or_else(|| text("unit"));
-        let field = |name: String, values| Field { name, unit: unit.clone(), values };
+        let field = |name: String, values| Field { name, unit: unit.clone(), values, texts: Vec::new() };
         let wide = |n: u64| n as usize <= WIDEST && n > 0;
         match shape[..] {
             [] | [_] => self.fields.push(field(name.into(), values)),
             [1, _] | [_, 1] => self.fields.push(field(name.into(), values)),
-            [columns, rows] if self.matlab && wide(columns) && rows > 0 => {
-                let column = |(k, v): (usize, &[f64])| field(format!("{name}(:,{})", k + 1), v.to_vec());
-                self.fields.extend(values.chunks_exact(rows as usize).enumerate().map(column));
-            }
-            [rows, columns] if !self.matlab && wide(columns) && rows > 0 => {
-                let of = |c: usize| values.iter().skip(c).step_by(columns as usize).copied().collect();
-                self.fields.extend((0..columns as usize).map(|c| field(format!("{name}[:,{c}]"), of(c))));
+            [first, second] if wide(first.min(second)) => {
+                // MATLAB writes matrices by columns, which HDF5 shows as rows
+                let (rows, columns) = if self.matlab { (second, first) } else { (first, second) };
+                let (rows, columns) = (rows as usize, columns as usize);
+                let at = |r: usize, c: usize| if self.matlab { values[c * rows + r] } else { values[r * columns + c] };
+                let title = |row: Option<usize>, column: Option<usize>| match (row, column, self.matlab) {
+                    (Some(row), _, true) => format!("{name}({},:)", row + 1),
+                    (Some(row), _, false) => format!("{name}[{row},:]"),
+                    (_, column, true) => format!("{name}(:,{})", column.unwrap_or(0) + 1),
+                    (_, column, false) => format!("{name}[:,{}]", column.unwrap_or(0)),
+                };
+                let found = of_matrix((rows, columns), &title, &at);
+                self.fields.extend(found.into_iter().map(|f| Field { unit: unit.clone(), ..f }));
             }
             _ => {
                 self.remarks.push(format!("`{name}` has the shape {shape:?}; arrays of one or two dimensions are read"))
             }
         }
     }
+}
+
+/// The columns of a compound set: what PyTables and pandas call a table. Members of other kinds than numbers and texts are left out.
+fn records(set: &Dataset, size: usize, members: &[CompoundMember]) -> Result<Vec<Field>, String> {
+    let member = |m: &CompoundMember| {
+        let (kind, count) = kind_of(&m.datatype)?;
+        Some(Member { name: m.name.clone(), kind, count, at: m.byte_offset as usize })
+    };
+    let members: Vec<Member> = members.iter().filter_map(member).collect();
+    let mut fields = empty_columns(&members);
+    let bytes = set.read_raw().map_err(|e| e.to_string())?;
+    bytes.chunks_exact(size.max(1)).for_each(|record| append_record(record, &members, &mut fields));
+    Ok(fields)
+}
+
+/// What a member holds, and how many of it.
+fn kind_of(datatype: &Datatype) -> Option<(Kind, usize)> {
+    let number = |size: u32, float: bool, signed: bool| {
+        Some(match (size, float, signed) {
+            (2, true, _) => Number::F16,
+            (4, true, _) => Number::F32,
+            (8, true, _) => Number::F64,
+            (1, _, true) => Number::I8,
+            (2, _, true) => Number::I16,
+            (4, _, true) => Number::I32,
+            (8, _, true) => Number::I64,
+            (1, ..) => Number::U8,
+            (2, ..) => Number::U16,
+            (4, ..) => Number::U32,
+            (8, ..) => Number::U64,
+            _ => return None,
+        })
+    };
+    let big = |order: &DatatypeByteOrder| matches!(order, DatatypeByteOrder::BigEndian);
+    Some(match datatype {
+        Datatype::FixedPoint { size, byte_order, layout } => {
+            (Kind::Number(number(*size, false, layout.signed)?, big(byte_order)), 1)
+        }
+        Datatype::FloatingPoint { size, byte_order, .. } => {
+            (Kind::Number(number(*size, true, true)?, big(byte_order)), 1)
+        }
+        Datatype::Enumeration { base_type, .. } => kind_of(base_type)?,
+        Datatype::String { size, .. } => (Kind::Text(*size as usize, 1), 1),
+        Datatype::Array { base_type, dimensions } => {
+            let (kind, count) = kind_of(base_type)?;
+            (kind, dimensions.iter().try_fold(count, |n, d| n.checked_mul(*d as usize)).filter(|n| *n <= WIDEST)?)
+        }
+        _ => return None,
+    })
 }

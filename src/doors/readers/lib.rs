@@ -12,10 +12,14 @@ mod gzip;
 #[cfg(feature = "hdf5")]
 mod hdf5;
 mod input;
+#[cfg(feature = "json")]
+mod json;
 mod log;
 mod map;
 #[cfg(feature = "mat")]
 mod mat;
+#[cfg(any(feature = "npz", feature = "hdf5"))]
+mod members;
 #[cfg(feature = "npz")]
 mod npz;
 #[cfg(feature = "parquet")]
@@ -36,7 +40,7 @@ mod zip;
 pub use format::{Format, open, open_from};
 pub use gzip::unzipped;
 pub use input::{InputError, open_input};
-pub use log::{Damage, Field, Log, ReadError, Topic};
+pub use log::{Damage, Field, Log, ReadError, Sheet, Topic};
 pub use map::{ChannelMap, ClockMap, FreeDelay, MapError, RecordMap, TimeMap, shipped};
 pub use take::{TakeError, Taken, TakenColumn, take, unwrap};
 pub use xml::{MOST_ATTRIBUTES, refuse_endless_xml};

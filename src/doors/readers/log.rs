@@ -10,10 +10,23 @@ pub struct Log {
     pub format: &'static str,
     /// The topics, in the order of the file.
     pub topics: Vec<Topic>,
+    /// Tables of cells as they stand: of which of them are names and units nothing is known yet.
+    pub sheets: Vec<Sheet>,
     /// What could not be read, and where; empty for a whole file.
     pub damage: Vec<Damage>,
     /// What else is to be known: fields that hold no numbers, dropouts that the logger itself reports.
     pub remarks: Vec<String>,
+}
+
+/// A table of cells: rows are lines, tabulators stand between cells, which hold neither.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Sheet {
+    /// Its name.
+    pub name: String,
+    /// The cells; numbers are written with all their digits.
+    pub text: String,
+    /// Whether the first row is known to hold the names of the columns.
+    pub titled: bool,
 }
 
 /// A table of fields over one clock: a message of a logger, or the arrays of one length of a data file.
@@ -34,8 +47,10 @@ pub struct Field {
     pub name: String,
     /// Its unit, where the file states it.
     pub unit: Option<String>,
-    /// Its values (N); NaN where the file has none.
+    /// Its values (N); NaN where the file has none. Nothing for a column of texts.
     pub values: Vec<f64>,
+    /// Its texts (N), where it holds some; nothing for a column of numbers.
+    pub texts: Vec<String>,
 }
 
 /// A part of a file that could not be read.
@@ -93,14 +108,39 @@ impl fmt::Display for Damage {
 impl Field {
     /// A column of this name.
     pub fn new(name: impl Into<String>, unit: Option<&str>, values: Vec<f64>) -> Self {
-        Self { name: name.into(), unit: unit.map(String::from), values }
+        Self { name: name.into(), unit: unit.map(String::from), values, texts: Vec::new() }
+    }
+
+    /// A column of texts.
+    pub fn of_texts(name: impl Into<String>, texts: Vec<String>) -> Self {
+        Self { name: name.into(), unit: None, values: Vec::new(), texts }
+    }
+
+    /// Number of samples.
+    pub fn rows(&self) -> usize {
+        self.values.len().max(self.texts.len())
+    }
+}
+
+impl Sheet {
+    #[cfg(any(feature = "json", feature = "xlsx"))]
+    /// Adds a row; line ends and tabulators in cells become spaces.
+    pub(crate) fn push<'c>(&mut self, cells: impl IntoIterator<Item = &'c str>) {
+        for (k, cell) in cells.into_iter().enumerate() {
+            if k > 0 {
+                self.text.push('\t');
+            }
+            let plain = |c: char| if matches!(c, '\t' | '\n' | '\r' | '"') { ' ' } else { c };
+            self.text.extend(cell.chars().map(plain));
+        }
+        self.text.push('\n');
     }
 }
 
 impl Topic {
     /// Number of samples.
     pub fn rows(&self) -> usize {
-        self.fields.first().map_or(0, |field| field.values.len())
+        self.fields.first().map_or(0, Field::rows)
     }
 
     /// The field of this name.
@@ -131,6 +171,7 @@ pub(crate) fn in_seconds(unit: &str) -> Option<f64> {
         "ns" => 1e-9,
         "min" => 60.0,
         "h" => 3600.0,
+        "d" => 86_400.0,
         _ => return None,
     })
 }
@@ -164,19 +205,18 @@ impl Log {
 }
 
 /// Adds the arrays of a data file as topics: those of one length stand over one clock, which is the array named as times are.
-#[cfg(any(feature = "npz", feature = "mat", feature = "hdf5", feature = "parquet"))]
 pub(crate) fn by_length(fields: Vec<Field>) -> Vec<Topic> {
     let mut lengths: Vec<usize> = Vec::new();
     for field in &fields {
-        if !lengths.contains(&field.values.len()) {
-            lengths.push(field.values.len());
+        if !lengths.contains(&field.rows()) {
+            lengths.push(field.rows());
         }
     }
     let several = lengths.iter().filter(|n| **n > 1).count() > 1;
     let mut topics: Vec<Topic> =
         lengths.iter().map(|n| Topic { name: name_of(*n, several), ..Topic::default() }).collect();
     for field in fields {
-        let k = lengths.iter().position(|n| *n == field.values.len()).unwrap_or(0);
+        let k = lengths.iter().position(|n| *n == field.rows()).unwrap_or(0);
         topics[k].fields.push(field);
     }
     for topic in &mut topics {
@@ -185,8 +225,24 @@ pub(crate) fn by_length(fields: Vec<Field>) -> Vec<Topic> {
     topics
 }
 
+/// The columns of a matrix (rows by columns), whose number at a row and column `at` gives: of one far wider than high the rows are signals.
+#[cfg(any(feature = "npz", feature = "mat", feature = "hdf5"))]
+pub(crate) fn of_matrix(
+    (rows, columns): (usize, usize),
+    name: &dyn Fn(Option<usize>, Option<usize>) -> String,
+    at: &dyn Fn(usize, usize) -> f64,
+) -> Vec<Field> {
+    /// A table has more samples than signals.
+    const WIDER: usize = 8;
+    if rows > 1 && columns > WIDER * rows {
+        let signal = |r| Field::new(name(Some(r), None), None, (0..columns).map(|c| at(r, c)).collect());
+        return (0..rows).map(signal).collect();
+    }
+    let column = |c| Field::new(name(None, Some(c)), None, (0..rows).map(|r| at(r, c)).collect());
+    (0..columns).map(column).collect()
+}
+
 /// One value is a constant beside the tables, and not a table.
-#[cfg(any(feature = "npz", feature = "mat", feature = "hdf5", feature = "parquet"))]
 fn name_of(length: usize, several: bool) -> String {
     match length {
         1 => "constants".into(),
@@ -196,7 +252,6 @@ fn name_of(length: usize, several: bool) -> String {
 }
 
 /// The field that is the time by its name.
-#[cfg(any(feature = "npz", feature = "mat", feature = "hdf5", feature = "parquet", feature = "xlsx"))]
 pub(crate) fn time_of(fields: &[Field]) -> Option<usize> {
     let is = |wanted: &dyn Fn(&str) -> bool| fields.iter().position(|f| wanted(&f.name));
     is(&|n| n == "t")

@@ -5,7 +5,7 @@
 //! Source: MathWorks, MAT-File Format.
 
 use crate::bytes::Number;
-use crate::log::{Damage, Field, Log, ReadError, Reader, by_length};
+use crate::log::{Damage, Field, Log, ReadError, Reader, by_length, of_matrix};
 use std::io::Read;
 
 /// The reader.
@@ -261,9 +261,11 @@ impl State {
         match dimensions {
             [_, 1] | [1, _] => self.fields.push(Field::new(name, None, values)),
             [rows, columns] if *columns <= WIDEST && *rows > 0 => {
-                let column =
-                    |(k, values): (usize, &[f64])| Field::new(format!("{name}(:,{})", k + 1), None, values.to_vec());
-                self.fields.extend(values.chunks_exact(*rows).enumerate().map(column));
+                let title = |row: Option<usize>, column: Option<usize>| match (row, column) {
+                    (Some(row), _) => format!("{name}({},:)", row + 1),
+                    (_, column) => format!("{name}(:,{})", column.unwrap_or(0) + 1),
+                };
+                self.fields.extend(of_matrix((*rows, *columns), &title, &|r, c| values[c * rows + r]));
             }
             _ if values.is_empty() => self.remarks.push(format!("`{name}` is empty")),
             _ => self.remarks.push(format!("`{name}` has {} dimensions; arrays of two are read", dimensions.len())),

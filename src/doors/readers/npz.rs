@@ -4,7 +4,8 @@
 //! Source: <https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html>.
 
 use crate::bytes::Number;
-use crate::log::{Damage, Field, Log, ReadError, Reader, Source, by_length};
+use crate::log::{Damage, Field, Log, ReadError, Reader, Source, by_length, of_matrix};
+use crate::members::{Kind, Member, append_record, empty_columns};
 use crate::zip::directory;
 use std::io::{self, Cursor, Read, SeekFrom};
 
@@ -104,6 +105,7 @@ fn array(
             header.trim_end().chars().take(80).collect::<String>().escape_debug()
         )
     };
+    let record = value("descr").and_then(|v| v.strip_prefix('[')).and_then(|v| v.split_once(']'));
     let descr = value("descr").and_then(|v| v.strip_prefix('\'')).and_then(|v| v.split_once('\''));
     let shape = value("shape").and_then(|v| v.strip_prefix('(')).and_then(|v| v.split_once(')'));
     let fortran = value("fortran_order").map(|v| v.starts_with("True"));
@@ -111,15 +113,21 @@ fn array(
     let dimensions: Option<Vec<usize>> =
         shape.split(',').map(str::trim).filter(|d| !d.is_empty()).map(|d| d.parse().ok()).collect();
     let dimensions = dimensions.ok_or_else(bad)?;
-    let Some((descr, _)) = descr else {
-        remarks.push(format!("`{name}` is an array of records, which are not read"));
-        return Ok(Vec::new());
-    };
+    let count = dimensions.iter().try_fold(1_usize, |n, d| n.checked_mul(*d));
+    if let Some((record, _)) = record {
+        let Some(members) = members_of(record) else {
+            remarks.push(format!("`{name}` holds records of other than numbers and texts, which are not read"));
+            return Ok(Vec::new());
+        };
+        let left = size.saturating_sub(u64::from(length) + before);
+        return records(reader, count.ok_or_else(bad)?, &members, left)
+            .map_err(|what| format!("{what} (shape {shape})"));
+    }
+    let Some((descr, _)) = descr else { return Err(bad()) };
     let Some((number, big_endian)) = number_of(descr) else {
         remarks.push(format!("`{name}` holds `{descr}`, and no numbers"));
         return Ok(Vec::new());
     };
-    let count = dimensions.iter().try_fold(1_usize, |n, d| n.checked_mul(*d));
     let expected = count.and_then(|n| n.checked_mul(number.size())).ok_or_else(bad)?;
     let left = size.saturating_sub(u64::from(length) + before);
     if left != expected as u64 {
@@ -155,7 +163,62 @@ fn array(
         }
     })
     .map_err(|e| format!("its numbers are cut off: {e}"))?;
+    let rows = columns.first().map_or(0, Vec::len);
+    if rows > 1 && columns.len() > 1 {
+        let titled = |row: Option<usize>, column: Option<usize>| match (row, column) {
+            (Some(row), _) => format!("{name}[{row},:]"),
+            (_, column) => names[column.unwrap_or(0)].clone(),
+        };
+        return Ok(of_matrix((rows, columns.len()), &titled, &|r, c| columns[c][r]));
+    }
     Ok(names.into_iter().zip(columns).map(|(name, values)| Field::new(name, None, values)).collect())
+}
+
+/// The members of records, as `('time', '<f8'), ('name', '<U8')` lists them; they lie one behind the other.
+fn members_of(list: &str) -> Option<Vec<Member>> {
+    let (mut members, mut at) = (Vec::new(), 0_usize);
+    for part in list.split("('").skip(1) {
+        let (name, rest) = part.split_once('\'')?;
+        let (descr, rest) = rest.split_once('\'')?.1.split_once('\'')?;
+        let count = match rest.trim_start().strip_prefix(", (").and_then(|r| r.split_once(')')) {
+            Some((shape, _)) => {
+                let sizes = shape.split(',').map(str::trim).filter(|d| !d.is_empty());
+                sizes.map(|d| d.parse::<usize>().ok()).product::<Option<usize>>()?
+            }
+            None => 1,
+        };
+        let width = |letter: char| descr.split_once(letter).and_then(|(_, n)| n.parse::<usize>().ok());
+        let kind = match number_of(descr) {
+            Some((number, big_endian)) => Kind::Number(number, big_endian),
+            None => match (width('S'), width('U'), width('V')) {
+                (Some(n), _, _) => Kind::Text(n, 1),
+                (_, Some(n), _) if !descr.starts_with('>') => Kind::Text(n.checked_mul(4)?, 4),
+                // what fills a record up
+                (_, _, Some(n)) => Kind::Nothing(n),
+                _ => return None,
+            },
+        };
+        (count <= WIDEST).then_some(())?;
+        let member = Member { name: name.into(), kind, count, at };
+        at = member.size().checked_mul(count)?.checked_add(at)?;
+        members.push(member);
+    }
+    (!members.is_empty()).then_some(members)
+}
+
+/// The columns of an array of records.
+fn records(reader: &mut dyn Read, rows: usize, members: &[Member], left: u64) -> Result<Vec<Field>, String> {
+    let width = members.last().map_or(0, |m| m.at + m.count * m.size());
+    if rows.checked_mul(width).map(|n| n as u64) != Some(left) {
+        return Err(format!("it has {left} bytes, and {rows} records of {width} bytes"));
+    }
+    let mut fields = empty_columns(members);
+    let mut record = vec![0; width];
+    for _ in 0..rows {
+        reader.read_exact(&mut record).map_err(|e| format!("its records are cut off: {e}"))?;
+        append_record(&record, members, &mut fields);
+    }
+    Ok(fields)
 }
 
 /// Reads so many bytes, in parts of whole numbers.

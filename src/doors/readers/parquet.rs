@@ -3,7 +3,7 @@
 use crate::log::{Damage, Field, Log, ReadError, Reader, by_length};
 use parquet::basic::{LogicalType, TimeUnit};
 use parquet::column::reader::ColumnReader;
-use parquet::data_type::Int96;
+use parquet::data_type::{ByteArray, Int96};
 use parquet::file::reader::{FileReader, SerializedFileReader};
 
 /// The reader.
@@ -27,12 +27,12 @@ impl Reader for Parquet {
                 remarks.push(format!("`{name}` holds lists, which are not read"));
                 continue;
             }
-            let mut values = Vec::new();
+            let (mut values, mut texts) = (Vec::new(), Vec::new());
             let read = (0..file.num_row_groups()).try_for_each(|group| {
                 let group = file.get_row_group(group).map_err(|e| e.to_string())?;
                 let rows = usize::try_from(group.metadata().num_rows()).map_err(|e| e.to_string())?;
                 let reader = group.get_column_reader(k).map_err(|e| e.to_string())?;
-                append(reader, rows, column.max_def_level(), &mut values)
+                append(reader, rows, column.max_def_level(), (&mut values, &mut texts))
             });
             match read {
                 Ok(()) => {
@@ -41,8 +41,8 @@ impl Reader for Parquet {
                         _ => None,
                     };
                     let expected = about.num_rows();
-                    if values.len() as i64 == expected {
-                        fields.push(Field { name, unit, values });
+                    if (values.len() + texts.len()) as i64 == expected {
+                        fields.push(Field { name, unit, values, texts });
                     } else {
                         let what = format!("`{name}` is lost: {} values in a table of {expected} rows", values.len());
                         damage.push(Damage { at: bytes.len() as u64, what });
@@ -65,10 +65,18 @@ fn unit(unit: TimeUnit) -> String {
     .into()
 }
 
-/// Reads the values of a group of rows; an empty error stands for a column without numbers.
-fn append(reader: ColumnReader, rows: usize, most: i16, values: &mut Vec<f64>) -> Result<(), String> {
+/// Reads the values of a group of rows, numbers or texts; an empty error stands for a column of neither.
+fn append(
+    reader: ColumnReader,
+    rows: usize,
+    most: i16,
+    (values, texts): (&mut Vec<f64>, &mut Vec<String>),
+) -> Result<(), String> {
     macro_rules! read {
-        ($reader:expr, $convert:expr) => {{
+        ($reader:expr, $convert:expr) => {
+            read!($reader, $convert, values, f64::NAN)
+        };
+        ($reader:expr, $convert:expr, $values:ident, $missing:expr) => {{
             let mut reader = $reader;
             let (mut found, mut levels) = (Vec::new(), Vec::new());
             let mut left = rows;
@@ -82,11 +90,11 @@ fn append(reader: ColumnReader, rows: usize, most: i16, values: &mut Vec<f64>) -
             }
             let mut numbers = found.iter().map($convert);
             if most == 0 {
-                values.extend(numbers);
+                $values.extend(numbers);
             } else {
                 // a value that is null has no number
                 for level in &levels {
-                    values.push(if *level == most { numbers.next().ok_or("a value is missing")? } else { f64::NAN });
+                    $values.push(if *level == most { numbers.next().ok_or("a value is missing")? } else { $missing });
                 }
             }
             Ok(())
@@ -99,6 +107,9 @@ fn append(reader: ColumnReader, rows: usize, most: i16, values: &mut Vec<f64>) -
         ColumnReader::Int96ColumnReader(r) => read!(r, |v: &Int96| v.to_nanos() as f64),
         ColumnReader::FloatColumnReader(r) => read!(r, |v: &f32| f64::from(*v)),
         ColumnReader::DoubleColumnReader(r) => read!(r, |v: &f64| *v),
-        ColumnReader::ByteArrayColumnReader(_) | ColumnReader::FixedLenByteArrayColumnReader(_) => Err(String::new()),
+        ColumnReader::ByteArrayColumnReader(r) => {
+            read!(r, |v: &ByteArray| String::from_utf8_lossy(v.data()).into_owned(), texts, String::new())
+        }
+        ColumnReader::FixedLenByteArrayColumnReader(_) => Err(String::new()),
     }
 }

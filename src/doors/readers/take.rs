@@ -3,7 +3,7 @@
 //! A sensor is never shown more often than it was sampled: on times that are not its own it stands, interpolated between its neighbours, at
 //! the one nearest to each of its samples. Commands hold, and other inputs are linear. Nothing is bridged over a gap.
 
-use crate::log::{Field, Log, in_seconds};
+use crate::log::{Field, Log, Topic, in_seconds};
 use crate::map::{ChannelMap, RecordMap};
 
 /// Columns over one time.
@@ -60,8 +60,8 @@ pub enum TakeError {
     #[error("the topics of the channels have no time in common")]
     Apart,
     /// Nothing is left to take.
-    #[error("no channel of the map is wanted and in the log")]
-    Nothing,
+    #[error("no channel of the map is wanted and in the log, which has {0}")]
+    Nothing(String),
     /// A grid too fine to be meant.
     #[error("time.rate = {0}: the grid would have more than {1} samples")]
     TooMany(String, usize),
@@ -115,7 +115,7 @@ pub fn take(log: &Log, map: &RecordMap, wanted: &dyn Fn(&str) -> Option<bool>) -
     if !errors.is_empty() {
         return Err(errors);
     }
-    let Some(first) = sampled.first() else { return Err(vec![TakeError::Nothing]) };
+    let Some(first) = sampled.first() else { return Err(vec![TakeError::Nothing(names_in(log))]) };
     let one = sampled.iter().all(|s| s.topic == first.topic && s.map.delay == 0.0);
     if one && map.time.rate.is_none() {
         let time = first.time.clone();
@@ -181,7 +181,7 @@ fn own_times(log: &Log, map: &RecordMap, topic: usize) -> Result<Option<Vec<f64>
         stamps
     };
     let named = map.time.from.as_ref().and_then(|from| log.find(from)).filter(|(t, _)| *t == topic);
-    let mut table = crate::Topic { time: named.map(|(_, f)| f).or(log.topics[topic].time), ..crate::Topic::default() };
+    let mut table = Topic { time: named.map(|(_, f)| f).or(log.topics[topic].time), ..Topic::default() };
     let Some(k) = table.time else {
         let alone = log.topics.iter().filter(|t| t.rows() > 1).count() == 1;
         return if alone && map.time.from.is_none() { Ok(None) } else { Err(unknown()) };
@@ -193,6 +193,20 @@ fn own_times(log: &Log, map: &RecordMap, topic: usize) -> Result<Option<Vec<f64>
     }
     (table.fields, table.time) = (vec![field], Some(0));
     table.seconds().map(|stamps| Some(correct(stamps))).ok_or_else(unknown)
+}
+
+/// The first names of a log, for a message.
+fn names_in(log: &Log) -> String {
+    const SHOWN: usize = 12;
+    let of_topic = |t: &Topic| {
+        let fields: Vec<&str> = t.fields.iter().take(SHOWN).map(|f| f.name.as_str()).collect();
+        let more = if t.fields.len() > SHOWN { ", .." } else { "" };
+        let fields = format!("{}{more}", fields.join(", "));
+        if t.name.is_empty() { fields } else { format!("`{}` ({fields})", t.name) }
+    };
+    let mut topics: Vec<String> = log.topics.iter().take(SHOWN).map(of_topic).collect();
+    topics.extend((log.topics.len() > SHOWN).then(|| "..".to_string()));
+    if topics.is_empty() { "no fields".into() } else { topics.join("; ") }
 }
 
 /// What may be done about a field that is not there.

@@ -282,7 +282,7 @@ fn topic(found: Subscription) -> Topic {
     let mut fields: Vec<Field> = Vec::new();
     for (place, values) in found.places.into_iter().zip(found.columns) {
         let unit = (place.name == TIME).then(|| "us".to_string());
-        fields.push(Field { name: place.name, unit, values });
+        fields.push(Field::new(place.name, unit.as_deref(), values));
     }
     let angles = {
         let q = |k: usize| fields.iter().find(|f| f.name == format!("q[{k}]")).map(|f| &f.values);

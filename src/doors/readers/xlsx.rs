@@ -1,8 +1,8 @@
-//! Workbooks of Excel: each sheet is a table whose first row with text holds the names of its columns. Parts of the archive have checksums.
+//! Workbooks of Excel: each sheet as its cells. Parts of the archive have checksums.
 //!
 //! Source of the cells: calamine. Formulas have the value that was stored with them.
 
-use crate::log::{Damage, Field, Log, ReadError, Reader, Topic, time_of};
+use crate::log::{Damage, Log, ReadError, Reader, Sheet};
 use crate::xml::refuse_endless_xml;
 use crate::zip::directory;
 use calamine::{DataRef, Reader as _};
@@ -18,7 +18,7 @@ const LIMIT: u64 = 1 << 30;
 /// Most columns of a sheet.
 const WIDEST: usize = 1_000;
 /// Most cells of a table.
-const LARGEST: usize = 1 << 27;
+const LARGEST: usize = 1 << 25;
 
 impl Reader for Xlsx {
     fn read(&self, bytes: &[u8]) -> Result<Log, ReadError> {
@@ -48,152 +48,105 @@ impl Reader for Xlsx {
         let names = book.sheet_names();
         for name in &names {
             let topic = if names.len() == 1 { String::new() } else { name.clone() };
-            let mut sheet = Sheet { name: topic, ..Sheet::default() };
+            let mut sheet = Cells { sheet: Sheet { name: topic, ..Sheet::default() }, ..Cells::default() };
             let read = book.worksheet_cells_reader(name).map_err(|e| e.to_string()).and_then(|mut cells| {
                 while let Some(cell) = cells.next_cell().map_err(|e| e.to_string())? {
                     let (row, column) = cell.get_position();
-                    sheet.take((row as usize, column as usize), cell.get_value(), &mut log)?;
+                    sheet.take((row as usize, column as usize), cell.get_value())?;
                 }
                 Ok(())
             });
             match read {
-                Ok(()) => sheet.finish(&mut log),
+                Ok(()) => log.sheets.push(sheet.finish()),
                 Err(e) => {
                     let what = format!("the sheet `{}` is lost: {e}", name.escape_debug());
                     log.damage.push(Damage { at: bytes.len() as u64, what });
                 }
             }
         }
-        if log.topics.len() == 1 {
-            log.topics[0].name.clear();
-        }
         Ok(log)
     }
 }
 
-/// The name of a cell, as Excel shows it.
-fn place(row: usize, column: usize) -> String {
-    let (mut letters, mut left) = (String::new(), column + 1);
-    while left > 0 {
-        letters.insert(0, char::from(b'A' + ((left - 1) % 26) as u8));
-        left = (left - 1) / 26;
-    }
-    format!("{letters}{}", row + 1)
-}
-
-/// A column that is being read.
-struct Column {
-    at: usize,
-    title: String,
-    values: Vec<f64>,
-    /// Values that are dates or times.
-    days: usize,
-    numbers: usize,
-    /// The first cell that holds a text, and where.
-    text: Option<(String, String)>,
-}
-
-/// A sheet that is being read, cell by cell.
+/// Cells of a sheet, which come row by row.
 #[derive(Default)]
-struct Sheet {
-    name: String,
-    /// The row of the titles, once it was met.
-    header: Option<usize>,
-    columns: Vec<Column>,
-    /// Whether there is any cell.
-    any: bool,
+struct Cells {
+    sheet: Sheet,
+    count: usize,
+    /// Cells of the widest row.
+    width: usize,
+    rows: Vec<Vec<String>>,
 }
 
-impl Sheet {
-    /// In words, behind what is in it.
-    fn of(&self) -> String {
-        if self.name.is_empty() { String::new() } else { format!(" of the sheet `{}`", self.name.escape_debug()) }
-    }
-
-    /// Takes the next cell; they come row by row.
-    fn take(&mut self, (row, at): (usize, usize), cell: &DataRef<'_>, log: &mut Log) -> Result<(), String> {
-        let text = match cell {
-            DataRef::Empty => return Ok(()),
-            DataRef::String(text) => Some(text.trim()),
-            DataRef::SharedString(text) => Some(text.trim()),
-            DataRef::DateTimeIso(text) | DataRef::DurationIso(text) => Some(text.trim()),
-            _ => None,
-        };
-        if text == Some("") {
-            return Ok(());
+impl Cells {
+    /// Takes the next cell.
+    fn take(&mut self, (row, at): (usize, usize), cell: &DataRef<'_>) -> Result<(), String> {
+        let Some(text) = written(cell) else { return Ok(()) };
+        if at >= WIDEST {
+            return Err(format!("it has more than {WIDEST} columns"));
         }
-        self.any = true;
-        if let (Some(title), true) = (text, self.header.is_none_or(|header| header == row)) {
-            self.header = Some(row);
-            if self.columns.len() == WIDEST {
-                return Err(format!("it has more than {WIDEST} columns"));
-            }
-            let title = title.to_string();
-            self.columns.push(Column { at, title, values: Vec::new(), days: 0, numbers: 0, text: None });
-            return Ok(());
-        }
-        let Some(index) = self.header.filter(|header| row > *header).map(|header| row - header - 1) else {
-            return Ok(());
-        };
-        if (index + 1).saturating_mul(self.columns.len()) > LARGEST {
+        self.count = self.count.max(row.saturating_mul(self.width.max(at + 1)));
+        if self.count > LARGEST {
             return Err(format!("it has more than {LARGEST} cells"));
         }
-        let of = self.of();
-        let Some(column) = self.columns.iter_mut().find(|c| c.at == at) else { return Ok(()) };
-        let value = match cell {
-            DataRef::Float(value) => *value,
-            DataRef::Int(value) => *value as f64,
-            DataRef::Bool(value) => f64::from(u8::from(*value)),
-            DataRef::DateTime(when) => {
-                column.days += 1;
-                DAY * when.as_f64()
-            }
-            DataRef::Error(error) => {
-                let what = format!("the cell {}{of} holds the error {error}", place(row, at));
-                log.damage.push(Damage { at: 0, what });
-                return Ok(());
-            }
-            _ => {
-                let start: String = text.unwrap_or_default().chars().take(40).collect();
-                column.text.get_or_insert_with(|| (place(row, at), start.escape_debug().to_string()));
-                return Ok(());
-            }
-        };
-        column.values.resize(index, f64::NAN);
-        column.values.push(value);
-        column.numbers += 1;
+        if self.rows.len() <= row {
+            self.rows.resize(row + 1, Vec::new());
+        }
+        let cells = &mut self.rows[row];
+        if cells.len() <= at {
+            cells.resize(at + 1, String::new());
+        }
+        cells[at] = text;
+        self.width = self.width.max(at + 1);
         Ok(())
     }
 
-    /// Adds its table.
-    fn finish(self, log: &mut Log) {
-        let of = self.of();
-        if self.any && self.header.is_none() {
-            log.remarks.push(format!("no row{of} holds names of columns"));
+    fn finish(mut self) -> Sheet {
+        let empty = String::new();
+        for cells in &self.rows {
+            let padded = (0..self.width).map(|k| cells.get(k).unwrap_or(&empty).as_str());
+            self.sheet.push(padded);
         }
-        let rows = self.columns.iter().map(|c| c.values.len()).max().unwrap_or_default();
-        let mut fields = Vec::new();
-        for mut column in self.columns {
-            let title = column.title.escape_debug();
-            match column.text {
-                Some((at, text)) if column.numbers > 0 => {
-                    let what = format!("the cell {at}{of} holds `{text}`, and no number");
-                    log.damage.push(Damage { at: 0, what });
-                }
-                Some(_) => log.remarks.push(format!("`{title}`{of} holds no numbers")),
-                None => {}
-            }
-            if column.days > 0 && column.days < column.numbers {
-                let what = format!("`{title}`{of} holds dates and plain numbers");
-                log.damage.push(Damage { at: 0, what });
-            }
-            if column.numbers > 0 {
-                column.values.resize(rows, f64::NAN);
-                fields.push(Field::new(column.title, Some("s").filter(|_| column.days > 0), column.values));
-            }
-        }
-        if !fields.is_empty() {
-            log.topics.push(Topic { name: self.name, time: time_of(&fields), fields });
-        }
+        self.sheet
     }
+}
+
+/// What a cell holds, as text; dates and times are written as ISO 8601 has them, errors as Excel shows them.
+fn written(cell: &DataRef<'_>) -> Option<String> {
+    Some(match cell {
+        DataRef::Empty => return None,
+        DataRef::String(text) => text.trim().to_string(),
+        DataRef::SharedString(text) => text.trim().to_string(),
+        DataRef::DateTimeIso(text) | DataRef::DurationIso(text) => text.trim().to_string(),
+        DataRef::Float(value) => value.to_string(),
+        DataRef::Int(value) => value.to_string(),
+        DataRef::Bool(value) => u8::from(*value).to_string(),
+        DataRef::DateTime(when) => instant(when.as_f64()),
+        DataRef::Error(error) => error.to_string(),
+    })
+}
+
+/// Days of Excel, which counts from the end of 1899: a date with its time, or a time alone.
+fn instant(days: f64) -> String {
+    // a double holds days of our time to the microsecond
+    let micros = (days * DAY * 1e6).round();
+    let (day, micros) = ((micros / (DAY * 1e6)).floor(), micros.rem_euclid(DAY * 1e6) as u64);
+    let (seconds, fraction) = (micros / 1_000_000, micros % 1_000_000);
+    let clock = format!("{:02}:{:02}:{:02}.{fraction:06}", seconds / 3600, seconds / 60 % 60, seconds % 60);
+    if day < 1.0 { clock } else { format!("{}T{clock}", date(day as i64)) }
+}
+
+/// The date of a day of Excel (Howard Hinnant's `civil_from_days`).
+fn date(day: i64) -> String {
+    // 25569 days of Excel lie before 1970, and 719468 before that since the March of the year 0
+    let z = day - 25_569 + 719_468;
+    let era = z.div_euclid(146_097);
+    let of_era = z.rem_euclid(146_097);
+    let of_four = (of_era - of_era / 1460 + of_era / 36_524 - of_era / 146_096) / 365;
+    let of_year = of_era - (365 * of_four + of_four / 4 - of_four / 100);
+    let month = (5 * of_year + 2) / 153;
+    let day = of_year - (153 * month + 2) / 5 + 1;
+    let month = if month < 10 { month + 3 } else { month - 9 };
+    let year = of_four + era * 400 + i64::from(month <= 2);
+    format!("{year:04}-{month:02}-{day:02}")
 }

@@ -14,12 +14,14 @@ use crate::dimension;
 use crate::edit::{Editor, Line};
 use crate::extension::{Extension, NewParam};
 use crate::names::Taken;
-use crate::scales::Scales;
+use crate::scales::{Scales, rounded};
 use crate::subject::Subject;
+use crate::turnover::Turnover;
 use fdm_grammar::diagnostic::{Code, Diagnostic};
-use fdm_grammar::syntax::{Declaration, EffectLine, Expr, ExprRef, Printer, Role, SyntaxTree, Value};
+use fdm_grammar::syntax::{Declaration, EffectLine, Expr, ExprRef, Printer, Role, SlotKind, SyntaxTree, Value};
 use fdm_grammar::unit::Unit;
 use std::collections::HashMap;
+use values::number;
 
 /// See [`Candidate::apply`].
 pub(super) fn apply(
@@ -54,10 +56,14 @@ pub(super) fn apply(
     };
     rewrite.name();
     rewrite.values()?;
+    rewrite.species()?;
     rewrite.changes()?;
     rewrite.own_lines();
     Ok(rewrite.finish())
 }
+
+/// Part of its greatest amount below which nothing is divided by a species.
+const LEAST_AMOUNT: f64 = 1e-6;
 
 struct Rewrite<'a> {
     candidate: &'a Candidate,
@@ -131,6 +137,34 @@ impl<'a> Rewrite<'a> {
         begins.or(self.candidate.targets().first()).cloned().unwrap_or_default()
     }
 
+    /// `consumed(p)` and `made(p)`: the product of the species that a rate takes, which it may be divided by, and of those that it makes.
+    fn species(&mut self) -> Result<(), Diagnostic> {
+        for (slot, kind) in self.effect.tree().slots.iter().zip(self.candidate.kinds()) {
+            if *kind != SlotKind::Param {
+                continue;
+            }
+            let (slot, subject) = (&slot.name.text, self.subject);
+            let [consumed, made] =
+                [Turnover::Consumed, Turnover::Produced].map(|turnover| subject.species(&self.bound[slot], turnover));
+            let mut least = Vec::new();
+            for x in &consumed {
+                let Some(greatest) = self.answers().greatest_of_positive(x) else {
+                    return Err(self.misfit(format!("{x} is below zero in these records")));
+                };
+                least.push(format!("max({x}, {})", number(rounded(LEAST_AMOUNT * greatest))));
+            }
+            let product = |factors: &[String]| match factors {
+                [] => "1".to_string(),
+                [one] => one.clone(),
+                many => format!("({})", many.join("*")),
+            };
+            let made: Vec<String> = made.into_iter().map(String::from).collect();
+            self.names.insert(format!("consumed({slot})"), product(&least));
+            self.names.insert(format!("made({slot})"), product(&made));
+        }
+        Ok(())
+    }
+
     fn new_name(&mut self, local: &str, name: String) {
         self.declared.push(name.clone());
         self.names.insert(local.into(), name);
@@ -140,15 +174,15 @@ impl<'a> Rewrite<'a> {
     fn print(&self, root: ExprRef) -> String {
         let mut pool = self.pool().clone();
         for (expr, _) in &mut pool.expressions {
-            let rate = match expr {
-                Expr::Call(call, arguments) if call.text == "der" => match self.pool().expr(arguments[0]) {
-                    Expr::Name(slot) => self.names.get(&format!("der({slot})")).cloned(),
+            let written = match expr {
+                Expr::Call(call, arguments) => match arguments.first().map(|e| self.pool().expr(*e)) {
+                    Some(Expr::Name(slot)) => self.names.get(&format!("{}({slot})", call.text)).cloned(),
                     _ => None,
                 },
                 _ => None,
             };
-            match (rate, &mut *expr) {
-                (Some(rate), expr) => *expr = Expr::Name(rate),
+            match (written, &mut *expr) {
+                (Some(written), expr) => *expr = Expr::Name(written),
                 (None, Expr::Name(name)) => {
                     if let Some(other) = self.names.get(name) {
                         other.clone_into(name);

@@ -2,8 +2,9 @@
 
 use super::Rewrite;
 use crate::edit::Line;
-use crate::subject::{Balance, Element, vector_of};
+use crate::subject::{Balance, BalanceEquation, Element, vector_of};
 use fdm_grammar::diagnostic::Diagnostic;
+use fdm_grammar::source::Span;
 use fdm_grammar::syntax::{BinarySign, EffectLine, Expr, ExprRef, Role, SlotKind, SyntaxTree, Value};
 
 impl<'a> Rewrite<'a> {
@@ -114,8 +115,13 @@ impl<'a> Rewrite<'a> {
     /// A term is added to the equation of a state, or what stands there gets a name.
     pub(super) fn rate(&mut self, slot: &str, added: Option<ExprRef>) -> Result<(), Diagnostic> {
         let target = self.bound[slot].clone();
-        let Some(Balance { side, statement, is_plain, is_turned }) = self.subject.balance(&target) else {
-            return Err(self.misfit(format!("`{target}` has no equation of its own")));
+        let BalanceEquation { side, statement, is_plain, is_turned } = match self.subject.balance(&target) {
+            Some(Balance::Equation(equation)) => equation,
+            Some(Balance::Reactions(statement)) => {
+                self.rate_of_species(slot, statement, added);
+                return Ok(());
+            }
+            None => return Err(self.misfit(format!("`{target}` has no equation of its own"))),
         };
         let value = self.editor.value(statement, side);
         // a derivative in a balance of forces keeps its name
@@ -139,6 +145,21 @@ impl<'a> Rewrite<'a> {
         let term = added.map_or(String::new(), |e| self.term(slot, e, false));
         self.editor.insert_behind(statement, &format!("der({of}) = {name}{term};"));
         Ok(())
+    }
+
+    /// The balance of a species gets an equation of its own behind the reactions.
+    fn rate_of_species(&mut self, slot: &str, reactions: Span, added: Option<ExprRef>) {
+        let target = self.bound[slot].clone();
+        let mut made = format!("reaction({target})");
+        if self.mentions(slot, true) > 0 {
+            let name = self.taken.give(&format!("{target}_rate"));
+            self.declared.push(name.clone());
+            self.names.insert(format!("der({slot})"), name.clone());
+            self.editor.insert_behind(reactions, &format!("let {name} = {made};"));
+            made = name;
+        }
+        let term = added.map_or(String::new(), |e| self.term(slot, e, false));
+        self.editor.insert_behind(reactions, &format!("der({target}) = {made}{term};"));
     }
 
     /// ` + c*x` or ` - c*x` behind a value of what a slot stands for.

@@ -1,7 +1,7 @@
 //! Names and functions in the expressions of an effect.
 
 use super::Check;
-use crate::scales::{NAMED_REQUESTS, REQUESTS};
+use crate::scales::{NAMED_REQUESTS, REQUESTS, SPECIES};
 use fdm_grammar::check::{function_form, function_names};
 use fdm_grammar::diagnostic::{Code, nearest};
 use fdm_grammar::source::Span;
@@ -63,14 +63,17 @@ impl<'a> Check<'a> {
             }
             return;
         }
-        match function_form(&name.text) {
+        let species =
+            SPECIES.iter().find(|(n, ..)| *n == name.text).map(|(_, count, form)| (*count, false, (*form).to_string()));
+        match species.or_else(|| function_form(&name.text)) {
             Some((least, more, form)) if given < least || given > least && !more => {
                 let message = format!("`{}` takes {least} arguments, not {given}", name.text);
                 self.tell(Code::ArgumentCount, span, message, format!("`{form}`"));
             }
             Some(_) => {}
             None => {
-                let names = function_names().chain(REQUESTS.iter().filter(|_| asked).map(|(n, ..)| *n));
+                let own = SPECIES.iter().chain(REQUESTS.iter().filter(|_| asked)).map(|(n, ..)| *n);
+                let names = function_names().chain(own);
                 let hint = match nearest(&name.text, names) {
                     Some(near) => format!("did you mean `{near}`?"),
                     None if self.names.contains_key(name.text.as_str()) => "a product is written with `*`".into(),

@@ -121,7 +121,7 @@ struct Test {
     form: &'static str,
 }
 
-const TESTS: [Test; 11] = [
+const TESTS: [Test; 12] = [
     Test { word: "depends", arguments: 2, form: "depends(der(x), z)" },
     Test { word: "known", arguments: 1, form: "known(der(x))" },
     Test { word: "der", arguments: 1, form: "known(der(x))" },
@@ -133,6 +133,7 @@ const TESTS: [Test; 11] = [
     Test { word: "alike", arguments: 2, form: "alike(x, z)" },
     Test { word: "consumes", arguments: 2, form: "consumes(p, x)" },
     Test { word: "produces", arguments: 2, form: "produces(p, x)" },
+    Test { word: "turns", arguments: 1, form: "turns(p)" },
 ];
 
 /// All of them in a sentence.

@@ -121,7 +121,8 @@ impl<'a> CoefficientText<'a> {
         let lines = [
             format!("param {}", params.join(", ")),
             format!("table {table}({}{over}){doc}{unit} = {method} {{ {} }}", pair.signal, points.join(", ")),
-            format!("smooth {table} by order 2"),
+            // drawn towards a constant: a straight line is what other parameters of the model may do, and would be theirs and the table's
+            format!("smooth {table} by order 1"),
             format!("let {name} = {table}({}){unit}", pair.signal),
         ];
         let mut written = lines.join(&format!(";\n{indent}"));
@@ -205,7 +206,7 @@ mod tests {
         let found = text.tabulated(&pair, &rad, &nodes, "cubic").unwrap();
         let wanted = "param Za = -1 [1/s], Md = -8 [1/s^2];\n      param Ma_1 = -6 in [-20, 0] [1/s^2], Ma_2 = -5.5 in [-20, 0] \
             [1/s^2], Ma_3 = -3 in [-20, 0] [1/s^2], Ma_4 = -1 in [-20, 0] [1/s^2];\n      table Ma_curve(alpha [rad]) \"stiffness\" \
-            [1/s^2] = cubic { -0.1: Ma_1, 0.05: Ma_2, 0.2: Ma_3, 0.35: Ma_4 };\n      smooth Ma_curve by order 2;\n      \
+            [1/s^2] = cubic { -0.1: Ma_1, 0.05: Ma_2, 0.2: Ma_3, 0.35: Ma_4 };\n      smooth Ma_curve by order 1;\n      \
             let Ma = Ma_curve(alpha) [1/s^2]; // all of them";
         assert!(found.source.text().contains(wanted), "{}", found.source.text());
     }

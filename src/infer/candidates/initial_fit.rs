@@ -81,10 +81,7 @@ fn first_in_time(
     Ok(likeliest.into_iter().chain(stages.filter_map(Result::ok)).collect())
 }
 
-/// Iterations of a fit that begins at the estimates of a joint one.
-const QUICK: usize = 40;
-
-/// An extended model as a plain fit from these values has it.
+/// An extended model as a plain fit from these values has it: where it has not ended yet, as far as it came.
 ///
 /// # Errors
 /// Why there is none, in words.
@@ -101,9 +98,6 @@ pub(crate) fn plain_fit(
     let how = once(options);
     let fits = plainly(&current.model.with_params(params), runs.train(), &how, work).map_err(|e| e.to_string())?;
     let best = fits.first().ok_or("it has no end")?;
-    if !best.estimate.termination.is_good() {
-        return Err(best.estimate.termination.to_string());
-    }
     with_validation_runs(best, runs, (&how, work)).map_err(|e| e.to_string())
 }
 
@@ -151,7 +145,6 @@ fn once(options: &DiagnosisOptions) -> FitOptions {
     how.options.colour = false;
     how.bare = true;
     how.continuation = Continuation::Never;
-    how.options.iterations = how.options.iterations.min(QUICK);
     how
 }
 

@@ -97,21 +97,25 @@ impl Binning {
 }
 
 impl Binning {
-    /// With noise of one output that grows with its signal: deviations in proportion to `1 + rate |y - mean|/deviation`, y the responses of the runs
-    /// (N by q each).
-    pub(crate) fn grown(&self, (output, rate): (usize, f64), responses: &[Signals], deviation: f64) -> Self {
-        let (mut grown, q) = (self.clone(), self.outputs);
-        for (run, response) in grown.runs.iter_mut().zip(responses) {
-            let Some(place) = run.places.iter().find(|p| p.output == output && p.transform.is_some()) else { continue };
-            let values = || response.iter().skip(output).step_by(q);
-            let mean = values().sum::<f64>() / (response.len() / q).max(1) as f64;
-            let sizes: Vec<f64> = values().map(|y| 1.0 + rate * (y - mean).abs() / deviation).collect();
-            let logs = place.samples.iter().map(|k| sizes[*k].ln()).sum::<f64>() / place.samples.len() as f64;
-            let own = run.deviations.get_or_insert_with(|| vec![1.0; response.len()]);
-            // the level is the noise's own
-            sizes.iter().enumerate().for_each(|(k, size)| own[k * q + output] = (size.ln() - logs).exp());
+    /// With noise of one output whose deviation has these sizes over the samples of each run (N each); the level is the noise's own.
+    pub(crate) fn shaped(&self, output: usize, sizes: &[Vec<f64>]) -> Self {
+        let (mut shaped, q) = (self.clone(), self.outputs);
+        let places = |run: &RunBins| run.places.iter().position(|p| p.output == output && p.transform.is_some());
+        let (mut logs, mut samples) = (0.0, 0_usize);
+        for (run, sizes) in shaped.runs.iter().zip(sizes) {
+            let Some(place) = places(run) else { continue };
+            logs += run.places[place].samples.iter().map(|k| sizes[*k].ln()).sum::<f64>();
+            samples += run.places[place].samples.len();
         }
-        grown
+        let level = logs / samples.max(1) as f64;
+        for (run, sizes) in shaped.runs.iter_mut().zip(sizes) {
+            if places(run).is_none() {
+                continue;
+            }
+            let own = run.deviations.get_or_insert_with(|| vec![1.0; sizes.len() * q]);
+            sizes.iter().enumerate().for_each(|(k, size)| own[k * q + output] *= (size.ln() - level).exp());
+        }
+        shaped
     }
 
     /// Bins of an output over all runs.
@@ -171,5 +175,22 @@ impl RunBins {
             own.iter().zip(samples).for_each(|(v, k)| signal[k * self.outputs + output] = *v);
         }
         signal
+    }
+    /// Bins as samples of unit deviation under these weights (1/S of every output and band): each output with the samples they belong to; nothing in the
+    /// frequency domain.
+    pub(crate) fn whitened(&self, bins: &[f64], weights: &[f64]) -> Vec<(usize, Vec<usize>, Vec<f64>)> {
+        let mut scaled = bins.to_vec();
+        for s in &self.segments {
+            scaled[s.begin..s.end].iter_mut().for_each(|v| *v *= weights[s.place].sqrt());
+        }
+        let back = |place: &OutputBins| {
+            let mut own = scaled[place.offset..][..place.samples.len()].to_vec();
+            own[0] /= FRAC_1_SQRT_2;
+            place.transform.clone()?.backward(&mut own);
+            let scale = (2.0 / place.samples.len() as f64).sqrt();
+            own.iter_mut().for_each(|v| *v *= scale);
+            Some((place.output, place.samples.clone(), own))
+        };
+        self.places.iter().filter_map(back).collect()
     }
 }

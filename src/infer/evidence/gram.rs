@@ -5,6 +5,7 @@
 //! that is asked of a linearised model is a sum of these matrices.
 
 use crate::evidence::bands::Bands;
+use fdm_numeric::lanes::widest;
 
 /// Bins of an output of a run that lie in one band.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -37,14 +38,61 @@ pub(crate) struct Grams {
     runs: Vec<RunGrams>,
 }
 
-/// Those of one run: for every output and band a matrix over own columns, residual, shared columns.
+/// Those of one run: for every output and band the lower triangle, row by row, of a symmetric matrix over own columns, residual, shared columns.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct RunGrams {
     pub(crate) own: usize,
     /// Own, residual and shared columns.
     pub(crate) width: usize,
-    /// outputs x bands matrices of width x width.
+    /// outputs x bands triangles.
     pub(crate) products: Vec<f64>,
+}
+
+/// Numbers in the lower triangle of so many rows: where the next row begins.
+fn triangle(rows: usize) -> usize {
+    rows * (rows + 1) / 2
+}
+
+impl RunGrams {
+    /// The triangles of all outputs and bands.
+    fn triangles(&self) -> impl Iterator<Item = &[f64]> {
+        self.products.chunks_exact(triangle(self.width))
+    }
+
+    /// The sum of the matrices with these weights (width x width).
+    pub(crate) fn weighted(&self, weights: &[f64], matrix: &mut Vec<f64>) {
+        let width = self.width;
+        let mut sum = vec![0.0; triangle(width)];
+        widest(
+            #[inline(always)]
+            || {
+                for (weight, products) in weights.iter().zip(self.triangles()) {
+                    sum.iter_mut().zip(products).for_each(|(sum, product)| *sum += weight * product);
+                }
+            },
+        );
+        matrix.clear();
+        matrix.resize(width * width, 0.0);
+        for i in 0..width {
+            for j in 0..=i {
+                let value = sum[triangle(i) + j];
+                matrix[i * width + j] = value;
+                matrix[j * width + i] = value;
+            }
+        }
+    }
+
+    /// Adds to the power of every output and band what its matrix is by these second moments of the columns' coefficients (width x width, symmetric).
+    pub(crate) fn add_powers(&self, moments: &[f64], powers: &mut [f64]) {
+        let width = self.width;
+        let twice = |i: usize, j: usize| if i == j { 1.0 } else { 2.0 };
+        let factors: Vec<f64> =
+            (0..width).flat_map(|i| (0..=i).map(move |j| twice(i, j) * moments[i * width + j])).collect();
+        widest(
+            #[inline(always)]
+            || powers.iter_mut().zip(self.triangles()).for_each(|(power, products)| *power += dot(products, &factors)),
+        );
+    }
 }
 
 /// Products of one more shared column with all others and itself, run by run: outputs x bands rows of width + 1.
@@ -62,19 +110,21 @@ impl Grams {
     /// Adds a run with so many columns of its own: all columns (own, residual, shared) in its bins.
     pub(crate) fn add(&mut self, own: usize, segments: &[Segment], columns: &[Vec<f64>]) {
         let width = own + 1 + self.shared;
-        let mut products = vec![0.0; self.outputs * self.bands * width * width];
-        for Segment { place, begin, end } in segments {
-            let matrix = &mut products[place * width * width..][..width * width];
-            for (i, a) in columns.iter().enumerate() {
-                for (j, b) in columns.iter().enumerate().take(i + 1) {
-                    let product = dot(&a[*begin..*end], &b[*begin..*end]);
-                    matrix[i * width + j] += product;
-                    if i != j {
-                        matrix[j * width + i] += product;
+        let size = triangle(width);
+        let mut products = vec![0.0; self.outputs * self.bands * size];
+        widest(
+            #[inline(always)]
+            || {
+                for Segment { place, begin, end } in segments {
+                    let matrix = &mut products[place * size..][..size];
+                    for (i, a) in columns.iter().enumerate() {
+                        for (sum, b) in matrix[triangle(i)..].iter_mut().zip(&columns[..=i]) {
+                            *sum += dot(&a[*begin..*end], &b[*begin..*end]);
+                        }
                     }
                 }
-            }
-        }
+            },
+        );
         self.runs.push(RunGrams { own, width, products });
     }
 
@@ -88,14 +138,19 @@ impl Grams {
         let of = |(((run, segments), columns), own): (((&RunGrams, &[Segment]), &Vec<Vec<f64>>), &Vec<f64>)| {
             let width = run.width + 1;
             let mut products = vec![0.0; self.outputs * self.bands * width];
-            for Segment { place, begin, end } in segments {
-                let row = &mut products[place * width..][..width];
-                let part = &own[*begin..*end];
-                for (sum, other) in row.iter_mut().zip(columns) {
-                    *sum += dot(part, &other[*begin..*end]);
-                }
-                row[run.width] += dot(part, part);
-            }
+            widest(
+                #[inline(always)]
+                || {
+                    for Segment { place, begin, end } in segments {
+                        let row = &mut products[place * width..][..width];
+                        let part = &own[*begin..*end];
+                        for (sum, other) in row.iter_mut().zip(columns) {
+                            *sum += dot(part, &other[*begin..*end]);
+                        }
+                        row[run.width] += dot(part, part);
+                    }
+                },
+            );
             products
         };
         Border { runs: self.runs.iter().zip(segments).zip(columns).zip(column).map(of).collect() }
@@ -106,27 +161,21 @@ impl Grams {
         let more = borders.len();
         let one = |(r, run): (usize, &RunGrams)| {
             let (old, width) = (run.width, run.width + more);
-            let mut products = vec![0.0; self.outputs * self.bands * width * width];
-            for (place, matrix) in products.chunks_exact_mut(width * width).enumerate() {
-                let from = &run.products[place * old * old..][..old * old];
-                for i in 0..old {
-                    matrix[i * width..][..old].copy_from_slice(&from[i * old..][..old]);
-                }
+            let size = triangle(width);
+            let mut products = Vec::with_capacity(self.outputs * self.bands * size);
+            for (place, from) in run.triangles().enumerate() {
+                products.extend_from_slice(from);
                 for (k, border) in borders.iter().enumerate() {
                     let row = &border.runs[r][place * (old + 1)..][..old + 1];
-                    for (i, v) in row[..old].iter().enumerate() {
-                        matrix[i * width + old + k] = *v;
-                        matrix[(old + k) * width + i] = *v;
-                    }
-                    matrix[(old + k) * width + old + k] = row[old];
+                    products.extend_from_slice(&row[..old]);
+                    products.resize(products.len() + k, 0.0);
+                    products.push(row[old]);
                 }
             }
             for a in 1..more {
                 for b in 0..a {
                     for (place, v) in cross(r, a, b).into_iter().enumerate() {
-                        let matrix = &mut products[place * width * width..][..width * width];
-                        matrix[(old + a) * width + old + b] = v;
-                        matrix[(old + b) * width + old + a] = v;
+                        products[place * size + triangle(old + a) + old + b] = v;
                     }
                 }
             }
@@ -177,8 +226,7 @@ impl Grams {
     pub(crate) fn residual_powers(&self, output: usize) -> Vec<f64> {
         let of = |band: usize| {
             let power = |run: &RunGrams| {
-                let at = (output * self.bands + band) * run.width * run.width;
-                run.products[at + run.own * run.width + run.own]
+                run.products[(output * self.bands + band) * triangle(run.width) + triangle(run.own) + run.own]
             };
             self.runs.iter().map(power).sum()
         };
@@ -191,11 +239,10 @@ impl RunGrams {
     fn chosen(&self, shared: &[usize], matrices: usize) -> Self {
         let kept: Vec<usize> = (0..=self.own).chain(shared.iter().map(|k| self.own + 1 + k)).collect();
         let width = kept.len();
-        let mut products = Vec::with_capacity(matrices * width * width);
-        for matrix in self.products.chunks_exact(self.width * self.width) {
-            for i in &kept {
-                let row = &matrix[i * self.width..][..self.width];
-                products.extend(kept.iter().map(|j| row[*j]));
+        let mut products = Vec::with_capacity(matrices * triangle(width));
+        for matrix in self.triangles() {
+            for (k, i) in kept.iter().enumerate() {
+                products.extend(kept[..=k].iter().map(|j| matrix[triangle(*i.max(j)) + i.min(j)]));
             }
         }
         Self { own: self.own, width, products }
@@ -211,15 +258,19 @@ pub(crate) fn products(segments: &[Segment], places: usize, a: &[f64], b: &[f64]
     sums
 }
 
-/// Sum of products in four chains: the order is fixed whatever the width of registers.
+/// Chains of a sum of products: the order is fixed whatever the width of registers.
+const CHAINS: usize = 8;
+
+/// Sum of products.
+#[inline(always)]
 pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut sums = [0.0; 4];
-    let (mut left, mut right) = (a.chunks_exact(4), b.chunks_exact(4));
-    for (x, y) in left.by_ref().zip(right.by_ref()) {
-        for k in 0..4 {
+    let mut sums = [0.0; CHAINS];
+    let (left, right) = (a.as_chunks::<CHAINS>(), b.as_chunks::<CHAINS>());
+    for (x, y) in left.0.iter().zip(right.0) {
+        for k in 0..CHAINS {
             sums[k] += x[k] * y[k];
         }
     }
-    let rest: f64 = left.remainder().iter().zip(right.remainder()).map(|(x, y)| x * y).sum();
-    (sums[0] + sums[1]) + (sums[2] + sums[3]) + rest
+    let rest: f64 = left.1.iter().zip(right.1).map(|(x, y)| x * y).sum();
+    sums.iter().sum::<f64>() + rest
 }

@@ -8,6 +8,8 @@
 //! and so the noise of a bad model.
 
 use crate::evidence::bands::BandCounts;
+use crate::evidence::gram::dot;
+use fdm_numeric::lanes::widest;
 use fdm_numeric::statistics::log_gamma;
 use std::f64::consts::PI;
 
@@ -20,9 +22,11 @@ const WANDERING: f64 = 0.01;
 /// Prior share of rough spectra beside all these.
 const ROUGH: f64 = 0.05;
 /// Shape of their inverse-gamma factor: each band within a factor of about 1.7 of its shape.
-const ROUGHNESS: f64 = 4.0;
-/// Logarithms of the levels of rough spectra, about the likeliest level of a shape: 11 within e^2.5.
-const LEVELS: [f64; 11] = [-2.5, -2.0, -1.5, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0, 2.5];
+pub(crate) const ROUGHNESS: f64 = 4.0;
+/// Newton's steps to the likeliest level of a rough spectrum, the longest of them (in the logarithm of the level), and one that is near enough.
+const LEVEL_STEPS: usize = 20;
+const LONGEST: f64 = 2.0;
+const AT_LEVEL: f64 = 1e-3;
 /// Shares of a coloured part against white noise; of first-order Gauss-Markov noise at zero frequency, of a power at one radian a sample.
 const MARKOV_SHARES: [f64; 6] = [1.0 - 1e-9, 0.999, 0.99, 0.95, 0.8, 0.5];
 const POWER_SHARES: [f64; 6] = [1.0 - 1e-9, 0.8, 0.5, 0.2, 0.05, 0.01];
@@ -39,8 +43,8 @@ const BESIDE: [f64; 3] = [0.0, 0.1, 1.0];
 /// Noise of one output before anything is seen: shapes of its spectrum with their prior.
 #[derive(Debug, Clone)]
 pub(crate) struct NoisePrior {
-    /// Bins in each band (B), their sum.
-    counts: Vec<f64>,
+    /// Bands, and bins in all of them.
+    bands: usize,
     total: f64,
     /// 1/s of each shape (K rows of B).
     inverse: Vec<f64>,
@@ -67,7 +71,16 @@ pub(crate) struct Noise {
 pub(crate) struct NoiseScratch {
     likelihood: Vec<f64>,
     quotient: Vec<f64>,
-    rough: Vec<f64>,
+    rough: Vec<RoughLevel>,
+}
+
+/// A rough spectrum at its likeliest level.
+#[derive(Debug, Clone, Copy)]
+struct RoughLevel {
+    /// That level.
+    level: f64,
+    /// Log likelihood, the level integrated out (Laplace).
+    log: f64,
 }
 
 /// Numbers from `low` to `high` in equal ratios.
@@ -164,14 +177,12 @@ impl NoisePrior {
         let rough_powers: Vec<f64> = bins.iter().map(|n| ROUGHNESS + n / 2.0).collect();
         let used = || rough_powers.iter().zip(bins).filter(|(_, n)| **n > 0.0);
         let gammas: f64 = used().map(|(power, _)| log_gamma(*power) - log_gamma(ROUGHNESS)).sum();
-        // of the width of the grid of levels, as the log-uniform level of a shape has none
-        let spacing: f64 = LEVELS[1] - LEVELS[0];
-        let prior = (ROUGH / rough.len() as f64).ln() + spacing.ln();
+        let prior = (ROUGH / rough.len() as f64).ln();
         Self {
             rough_constant: gammas + prior - total / 2.0 * (2.0 * PI).ln(),
             rough: rough.into_iter().flat_map(normalised).map(|s| ROUGHNESS * s).collect(),
             rough_powers,
-            counts: bins.clone(),
+            bands: bins.len(),
             total,
             inverse,
             constant,
@@ -180,7 +191,7 @@ impl NoisePrior {
 
     /// Bands.
     pub(crate) fn bands(&self) -> usize {
-        self.counts.len()
+        self.bands
     }
 
     /// The noise that leaves these powers (sums of squares in each band).
@@ -188,21 +199,18 @@ impl NoisePrior {
         let (bands, half) = (self.bands(), self.total / 2.0);
         let NoiseScratch { likelihood, quotient, rough } = scratch;
         quotient.clear();
-        let of_shape = |inverse: &[f64]| 0.5 * inverse.iter().zip(powers).map(|(i, p)| i * p).sum::<f64>();
-        quotient.extend(self.inverse.chunks_exact(bands).map(of_shape));
+        widest(
+            #[inline(always)]
+            || quotient.extend(self.inverse.chunks_exact(bands).map(|inverse| 0.5 * dot(inverse, powers))),
+        );
         likelihood.clear();
         likelihood.extend(self.constant.iter().zip(&*quotient).map(|(constant, q)| constant - half * q.ln()));
         let (best, greatest) = maximum(likelihood);
-        // rough spectra at levels about the likeliest one of the likeliest shape
         let level = quotient[best] / half;
         rough.clear();
-        for shape in self.rough.chunks_exact(bands) {
-            for log_level in LEVELS {
-                rough.push(self.rough_likelihood(shape, level * log_level.exp(), powers));
-            }
-        }
-        let most = rough.iter().copied().fold(greatest, f64::max);
-        let sum: f64 = likelihood.iter().chain(&*rough).map(|l| (l - most).exp()).sum();
+        rough.extend(self.rough.chunks_exact(bands).map(|shape| self.rough_level(shape, level, powers)));
+        let most = rough.iter().map(|r| r.log).fold(greatest, f64::max);
+        let sum: f64 = likelihood.iter().copied().chain(rough.iter().map(|r| r.log)).map(|l| (l - most).exp()).sum();
         noise.evidence = most + sum.ln();
         noise.weights.clear();
         noise.weights.resize(bands, 0.0);
@@ -214,25 +222,40 @@ impl NoisePrior {
                 noise.weights.iter_mut().zip(inverse).for_each(|(w, i)| *w += mean * i);
             }
         }
-        for (k, l) in rough.iter().enumerate().filter(|(_, l)| **l - most > -28.0) {
-            let (shape, level) = (k / LEVELS.len(), level * LEVELS[k % LEVELS.len()].exp());
-            let share = (l - most).exp() / sum;
-            for (b, w) in noise.weights.iter_mut().enumerate() {
-                *w += share * self.rough_powers[b] / (level * self.rough[shape * bands + b] + powers[b] / 2.0);
+        for (shape, RoughLevel { level, log }) in self.rough.chunks_exact(bands).zip(&*rough) {
+            let share = (log - most).exp() / sum;
+            let bands = shape.iter().zip(&self.rough_powers).zip(powers);
+            for (w, ((s, a), p)) in noise.weights.iter_mut().zip(bands) {
+                *w += share * a / (level * s + 0.5 * p);
             }
         }
     }
 
-    /// The likelihood of powers by a rough spectrum: each band's own level is integrated out.
-    fn rough_likelihood(&self, shape: &[f64], level: f64, powers: &[f64]) -> f64 {
-        let mut sum = self.rough_constant;
-        for (b, (s, p)) in shape.iter().zip(powers).enumerate() {
-            if self.counts[b] > 0.0 {
-                let scale = level * s;
-                sum += ROUGHNESS * scale.ln() - self.rough_powers[b] * (scale + p / 2.0).ln();
+    /// The likelihood of powers by a rough spectrum: each band's own level is integrated out, `sum_b R log x_b - a_b log(x_b + P_b/2)` is left,
+    /// `x_b` the level times the shape, R the roughness, `a_b = R + n_b/2`. It is concave in the logarithm of the level.
+    fn rough_level(&self, shape: &[f64], begin: f64, powers: &[f64]) -> RoughLevel {
+        let (mut level, mut curvature) = (begin, 0.0);
+        for _ in 0..LEVEL_STEPS {
+            let mut slope = 0.0;
+            curvature = 0.0;
+            for ((s, a), p) in shape.iter().zip(&self.rough_powers).zip(powers) {
+                let (x, rest) = (level * s, 0.5 * p);
+                let share = x / (x + rest);
+                slope += ROUGHNESS - a * share;
+                curvature += a * share * (1.0 - share);
+            }
+            let step = (slope / curvature.max(f64::MIN_POSITIVE)).clamp(-LONGEST, LONGEST);
+            level *= step.exp();
+            if step.abs() < AT_LEVEL {
+                break;
             }
         }
-        sum
+        let mut log = self.rough_constant + 0.5 * (2.0 * PI / curvature.max(f64::MIN_POSITIVE)).ln();
+        for ((s, a), p) in shape.iter().zip(&self.rough_powers).zip(powers) {
+            let x = level * s;
+            log += ROUGHNESS * x.ln() - a * (x + 0.5 * p).ln();
+        }
+        RoughLevel { level, log }
     }
 }
 

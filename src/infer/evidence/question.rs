@@ -218,8 +218,9 @@ impl<'a> Posterior<'a> {
         let (q, size) = (grams.shared(), grams.shared() + 1);
         self.schur.clear();
         self.schur.resize(size * size, 0.0);
+        let weights: Vec<f64> = self.noise.iter().flat_map(|noise| noise.weights.iter().copied()).collect();
         for (run, eliminated) in grams.runs().iter().zip(&mut self.runs) {
-            weighted(run, &self.noise, &mut self.matrix);
+            run.weighted(&weights, &mut self.matrix);
             for (i, precision) in self.question.own.iter().enumerate() {
                 self.matrix[i * run.width + i] += precision;
             }
@@ -249,9 +250,7 @@ impl<'a> Posterior<'a> {
         let mut log = 0.0;
         for (run, eliminated) in grams.runs().iter().zip(&self.runs) {
             eliminated.second_moments(run, &self.mean, &self.covariance, &mut self.matrix);
-            for (power, products) in powers.iter_mut().zip(run.products.chunks_exact(run.width * run.width)) {
-                *power += products.iter().zip(&self.matrix).map(|(a, b)| a * b).sum::<f64>();
-            }
+            run.add_powers(&self.matrix, &mut powers);
             for (i, precision) in self.question.own.iter().enumerate().filter(|(_, p)| **p > 0.0) {
                 log += 0.5 * ((precision / (2.0 * PI)).ln() - precision * self.matrix[i * run.width + i]);
             }
@@ -290,17 +289,6 @@ impl<'a> Posterior<'a> {
             covariance: self.covariance,
             weights: self.noise.into_iter().flat_map(|noise| noise.weights).collect(),
         }
-    }
-}
-
-/// The sum of a run's band Grams with the weights of the noise.
-fn weighted(run: &RunGrams, noise: &[Noise], matrix: &mut Vec<f64>) {
-    let square = run.width * run.width;
-    matrix.clear();
-    matrix.resize(square, 0.0);
-    let weights = noise.iter().flat_map(|noise| &noise.weights);
-    for (weight, products) in weights.zip(run.products.chunks_exact(square)) {
-        matrix.iter_mut().zip(products).for_each(|(sum, product)| *sum += weight * product);
     }
 }
 
@@ -391,17 +379,12 @@ mod tests {
         // with so many bins the level is known: the difference of two models is that of the exact marginal likelihoods
         let case = case(3, 0.1, 31);
         let (with, without) = (asked(&case, &[0], &[4.0]), asked(&case, &[], &[]));
-        let run = |of: &dyn Fn(&RunGrams, usize) -> f64| -> f64 {
-            case.grams
-                .runs()
-                .iter()
-                .map(|r| (0..case.grams.bands()).map(|b| of(r, b * r.width * r.width)).sum::<f64>())
-                .sum()
+        // own columns are the bin of the mean alone: it is left out; what is left are the products of the residual and a column
+        let products = |k: usize| -> f64 {
+            let triangles = case.grams.runs().iter().flat_map(|r| r.products.chunks_exact(10));
+            triangles.filter(|t| t[0] == 0.0).map(|t| t[k]).sum()
         };
-        // own columns are the bin of the mean alone: it is left out
-        let skip = |r: &RunGrams, at: usize, value: f64| if r.products[at] > 0.0 { 0.0 } else { value };
-        let a = run(&|r, at| skip(r, at, r.products[at + 2 * r.width + 2]));
-        let d = run(&|r, at| skip(r, at, r.products[at + r.width + 2]));
+        let (a, d) = (products(5), products(4));
         let exact = 0.5 * d * d / (a + 4.0) - 0.5 * ((a + 4.0) / 4.0).ln();
         assert!((with.log - without.log - exact).abs() < 0.5, "{} {exact}", with.log - without.log);
     }

@@ -1,7 +1,7 @@
 //! What one more column would add to a linearised model under given weights, in closed form.
 
 use crate::evidence::factor::Factor;
-use crate::evidence::gram::{Border, Grams, RunGrams};
+use crate::evidence::gram::{Border, Grams};
 
 /// Part of a column that must be left beside the others: below it there is nothing that they do not do.
 const LEFT: f64 = 1e-7;
@@ -43,7 +43,7 @@ impl<'g> Screen<'g> {
         let size = q + 1;
         let (mut runs, mut schur, mut matrix) = (Vec::new(), vec![0.0; size * size], Vec::new());
         for run in grams.runs() {
-            weighted(run, weights, &mut matrix);
+            run.weighted(weights, &mut matrix);
             let mut factor = Factor::default();
             if run.own > 0 && !factor.renew(&matrix, run.own, run.width) {
                 return None;
@@ -115,16 +115,6 @@ impl<'g> Screen<'g> {
 
 fn inner(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
-}
-
-/// The sum of a run's band Grams with weights.
-fn weighted(run: &RunGrams, weights: &[f64], matrix: &mut Vec<f64>) {
-    let width = run.width;
-    matrix.clear();
-    matrix.resize(width * width, 0.0);
-    for (weight, products) in weights.iter().zip(run.products.chunks_exact(width * width)) {
-        matrix.iter_mut().zip(products).for_each(|(sum, product)| *sum += weight * product);
-    }
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 mod curve;
 mod feedback;
+mod noise_course;
 mod proposals;
 mod random_effect;
 mod search;

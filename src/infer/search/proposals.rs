@@ -28,6 +28,10 @@ const HIDDEN: f64 = 0.03;
 /// Part of the squares of two columns that is left of their determinant, below which they are one.
 const APART: f64 = 0.02;
 
+/// The lesser part of a golden section, and steps: a limit is found to a part in 500 of where it may be.
+const GOLDEN: f64 = 0.381_966;
+const LIMIT_STEPS: usize = 12;
+
 /// A candidate at one value of what is tried.
 pub(crate) struct Spec {
     /// Which directions.
@@ -298,7 +302,45 @@ impl<'s> Proposals<'s> {
                 best = Some((cost, state));
             }
         }
-        best.filter(|(cost, _)| cost.is_finite()).map(|(_, state)| state)
+        let (_, mut state) = best.filter(|(cost, _)| cost.is_finite())?;
+        let added = state.effects.len() - proposal.specs.len();
+        for (k, spec) in proposal.specs.iter().enumerate() {
+            let point = self.point(&self.specs[*spec], 0);
+            if !self.directions[self.specs[*spec].direction].attached.params()[point.lead].null.is_finite() {
+                self.limit(&mut state, (added + k, point.lead), &proposal.weights);
+            }
+        }
+        Some(state)
+    }
+
+    /// Sets a limit where errors are least (golden section): from below, as nothing changes any more where it is too wide.
+    fn limit(&self, state: &mut State, (effect, param): (usize, usize), weights: &[f64]) {
+        let at = state.effects[effect].at[param];
+        let (begun, upper) = (state.theta[0][at], state.text.model.definition().params[at].upper);
+        let mut cost = |value: f64| {
+            state.theta.iter_mut().for_each(|theta| theta[at] = value);
+            self.ground.weighted(state, weights)
+        };
+        let mut best = (cost(begun), begun);
+        let (mut low, mut high) = (0.5 * begun, upper.min(4.0 * begun));
+        let inner = |low: f64, high: f64| (low + GOLDEN * (high - low), high - GOLDEN * (high - low));
+        let (a, b) = inner(low, high);
+        let (mut a, mut b) = ((cost(a), a), (cost(b), b));
+        for _ in 0..LIMIT_STEPS {
+            best = [best, a, b].into_iter().min_by(|x, y| x.0.total_cmp(&y.0)).unwrap_or(best);
+            if a.0 <= b.0 {
+                high = b.1;
+                b = a;
+                let next = inner(low, high).0;
+                a = (cost(next), next);
+            } else {
+                low = a.1;
+                a = b;
+                let next = inner(low, high).1;
+                b = (cost(next), next);
+            }
+        }
+        cost(best.1);
     }
 
     fn at(&self, proposal: &Proposal, part: f64) -> Option<State> {
@@ -325,15 +367,6 @@ impl<'s> Proposals<'s> {
                     params[lead].null + multiple * (point.values[lead] - params[lead].null)
                 } else {
                     point.values[lead]
-                        * if part == 1.0 {
-                            1.0
-                        } else if part == 0.4 {
-                            0.93
-                        } else if part == 0.1 {
-                            1.1
-                        } else {
-                            1.25
-                        }
                 };
                 values[lead] = value.clamp(params[lead].lower, params[lead].upper);
             }

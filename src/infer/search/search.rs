@@ -16,6 +16,8 @@ const PAIRS: (usize, usize) = (3, 2);
 const AGAIN: usize = 4;
 /// Sets that are asked whether they may be taken.
 const ASKED: usize = 4;
+/// Ratio of squared errors, on validation runs where there are any, up to which a set predicts as well.
+const AS_WELL: f64 = 1.02;
 /// Evidence (nats) by which another effect must be needed beside those that are there: odds of 3 : 1.
 const NEEDED: f64 = 1.1;
 /// Odds of 100 : 1, the group.
@@ -44,7 +46,9 @@ pub(crate) struct Seen {
 }
 
 /// What a search came to.
-pub(crate) struct Found {
+pub(crate) struct Found<'a> {
+    /// What it was judged on at its end.
+    pub(crate) ground: Ground<'a>,
     pub(crate) null: Fitted,
     pub(crate) best: Fitted,
     pub(crate) causes: Vec<Cause>,
@@ -65,62 +69,109 @@ fn places(state: &State) -> Vec<EffectAt> {
 
 /// Searches from a base.
 pub(crate) struct Search<'a> {
-    pub(crate) ground: &'a Ground<'a>,
+    pub(crate) ground: Ground<'a>,
     pub(crate) base: State,
     /// The base at its fit.
     pub(crate) null: Fitted,
     pub(crate) candidates: &'a [Candidate],
     /// Most effects.
     pub(crate) most: usize,
-    /// Whether a state predicts runs that were not fitted as well as another.
-    pub(crate) predicts: &'a (dyn Fn(&State, &State) -> bool + Sync),
+    /// Squared error of the text of a state that is written and fitted plainly, beside that of the base.
+    pub(crate) error: &'a (dyn Fn(&State) -> f64 + Sync),
 }
 
-impl Search<'_> {
+/// What a search has seen on its way.
+#[derive(Default)]
+struct Way {
+    stages: Vec<(State, f64)>,
+    steps: Vec<SearchStep>,
+    seen: Seen,
+    /// The sets of the first step.
+    first: Vec<(State, f64)>,
+    together: f64,
+    stopped: bool,
+}
+
+impl<'a> Search<'a> {
     /// None where the base has no evidence.
-    pub(crate) fn run(self) -> Option<Found> {
-        let (mut steps, mut seen, mut first) = (Vec::new(), Seen::default(), Vec::new());
-        let null = self.again(&self.null)?;
-        let mut best: Fitted = self.again(&null)?;
-        let (mut stopped, mut together) = (false, f64::NEG_INFINITY);
-        let mut stages = vec![(null.0.clone(), null.1.log)];
+    pub(crate) fn run(mut self) -> Option<Found<'a>> {
+        self.null = self.again(&self.null)?;
+        let mut best: Fitted = self.again(&self.null)?;
+        let mut way = Way { together: f64::NEG_INFINITY, ..Way::default() };
+        way.stages.push((best.0.clone(), best.1.log));
+        self.forward(&mut best, &mut way);
+        if let Some(ground) = (!best.0.effects.is_empty()).then(|| self.ground.with_uneven_noise(&best)).flatten() {
+            self.ground = ground;
+            let weights = best.1.evidence.weights.clone();
+            self.null = self.ground.refit(self.null.0.clone(), Some(&self.null.1.evidence.weights))?;
+            best = self.ground.refit(best.0, Some(&weights))?;
+            // what was seen on the way was judged by another noise
+            way.stages = vec![(self.null.0.clone(), self.null.1.log)];
+            way.first.clear();
+            best = self.left_out_while_better(best);
+            way.stages.push((best.0.clone(), best.1.log));
+            self.forward(&mut best, &mut way);
+        }
+        let causes = self.causes(&mut best, &way.first);
+        let Way { stages, steps, seen, together, stopped, .. } = way;
+        Some(Found { ground: self.ground, null: self.null, best, causes, stages, steps, together, seen, stopped })
+    }
+
+    /// One set after the other, as long as another is likelier.
+    fn forward(&self, best: &mut Fitted, way: &mut Way) {
         while best.0.effects.len() < self.most {
-            if !self.ground.work.goes_on() {
-                stopped = true;
-                break;
-            }
-            let Some((sets, out)) = self.sets((&best.0, &best.1), true) else {
-                stopped = true;
+            let sets = if self.ground.work.goes_on() { self.sets((&best.0, &best.1), true) } else { None };
+            let Some((sets, out)) = sets else {
+                way.stopped = true;
                 break;
             };
             let level = best.1.log;
             let tried = sets.iter().map(|(s, j)| Tried { effects: places(s), evidence: j.log - level }).collect();
-            steps.push(SearchStep { tried, accepted: None });
+            way.steps.push(SearchStep { tried, accepted: None });
             let begins = best.0.effects.is_empty();
             if begins {
-                seen = out;
-                first = sets.iter().map(|(s, j)| (s.clone(), j.log)).collect();
+                way.seen = out;
+                way.first = sets.iter().map(|(s, j)| (s.clone(), j.log)).collect();
             }
             let mut physical: Vec<Fitted> = sets.into_iter().filter(|(s, _)| s.is_physical()).collect();
             // something is there where that is likelier than nothing, whatever it is; one more only where it is likelier itself
             let sum = log_sum(&physical.iter().map(|(_, j)| j.log - level).collect::<Vec<f64>>());
             if begins {
-                together = sum;
+                way.together = sum;
             }
             if begins && sum < 0.0 {
                 break;
             }
             physical.retain(|(_, j)| begins || j.log > level + NEEDED);
-            let next = physical.into_iter().take(ASKED).find(|(s, _)| (self.predicts)(s, &best.0));
-            let Some(next) = next else { break };
-            best = self.left_out_while_better(next);
-            if let Some(step) = steps.last_mut() {
+            let Some(next) = self.chosen(physical, &best.0) else { break };
+            *best = self.left_out_while_better(next);
+            if let Some(step) = way.steps.last_mut() {
                 step.accepted = Some(places(&best.0));
             }
-            stages.push((best.0.clone(), best.1.log));
+            way.stages.push((best.0.clone(), best.1.log));
         }
-        let causes = self.causes(&mut best, &null, &first);
-        Some(Found { null, best, causes, stages, steps, together, seen, stopped })
+    }
+
+    /// Of the likeliest sets the first that predicts as well as what is there; of those in its group one that predicts better: what leaves large
+    /// errors by a slow noise of its own is as likely, and no better.
+    fn chosen(&self, sets: Vec<Fitted>, before: &State) -> Option<Fitted> {
+        let most = AS_WELL * (self.error)(before);
+        let mut found: Option<(Fitted, f64)> = None;
+        for set in sets.into_iter().take(ASKED) {
+            let beside = found.as_ref().map(|((_, judged), error)| (judged.log, *error));
+            if beside.is_some_and(|(log, _)| set.1.log < log - GROUP) {
+                break;
+            }
+            let error = (self.error)(&set.0);
+            if error <= most && beside.is_none_or(|(_, least)| AS_WELL * error < least) {
+                found = Some((set, error));
+            }
+        }
+        found.map(|(set, _)| set)
+    }
+
+    fn predicts(&self, new: &State, old: &State) -> bool {
+        (self.error)(new) <= AS_WELL * (self.error)(old)
     }
 
     fn again(&self, found: &Fitted) -> Option<Fitted> {
@@ -130,7 +181,7 @@ impl Search<'_> {
 
     /// Refitted states with one or two more effects, the likeliest first; none where it was stopped.
     fn sets(&self, (state, judged): (&State, &Judged), pairs: bool) -> Option<(Vec<Fitted>, Seen)> {
-        let mut proposals = Proposals::new(self.ground, (state, judged), self.candidates)?;
+        let mut proposals = Proposals::new(&self.ground, (state, judged), self.candidates)?;
         let hidden = if pairs && state.effects.is_empty() { proposals.hidden() } else { Vec::new() };
         let told = Seen { left_out: std::mem::take(&mut proposals.left_out), hidden };
         let ranked = proposals.likeliest(pairs);
@@ -187,12 +238,12 @@ impl Search<'_> {
 
     fn without(&self, found: &Fitted, k: usize) -> Option<Fitted> {
         let kept: Vec<usize> = (0..found.0.effects.len()).filter(|e| *e != k).collect();
-        let state = found.0.only(&self.base, &kept, self.ground)?;
+        let state = found.0.only(&self.base, &kept, &self.ground)?;
         self.ground.refit(state, Some(&found.1.evidence.weights))
     }
 
     /// Effects of the result, the dearest first, each with those that could stand in its place; one that stands there better takes it.
-    fn causes(&self, best: &mut Fitted, null: &Fitted, first: &[(State, f64)]) -> Vec<Cause> {
+    fn causes(&self, best: &mut Fitted, first: &[(State, f64)]) -> Vec<Cause> {
         let mut causes = Vec::new();
         let mut k = 0;
         while k < best.0.effects.len() {
@@ -205,7 +256,7 @@ impl Search<'_> {
                     let mut list = Vec::new();
                     for (s, j) in sets {
                         list.push((s.clone(), j.log));
-                        if s.is_physical() && j.log > best.1.log && (self.predicts)(&s, &best.0) {
+                        if s.is_physical() && j.log > best.1.log && self.predicts(&s, &best.0) {
                             better.push((s, j));
                         }
                     }
@@ -218,7 +269,11 @@ impl Search<'_> {
                     }
                     (level, list)
                 }
-                None => (null.1.log, first.to_vec()),
+                None if first.is_empty() => {
+                    let sets = self.sets((&self.null.0, &self.null.1), false).map_or(Vec::new(), |(sets, _)| sets);
+                    (self.null.1.log, sets.into_iter().map(|(s, j)| (s, j.log)).collect())
+                }
+                None => (self.null.1.log, first.to_vec()),
             };
             let own = place(&best.0.effects[k].candidate);
             let told = best.1.log - best.0.effects[k].odds();

@@ -40,10 +40,6 @@ pub(crate) const STAND_IN: f64 = -4.0;
 const OF_FIELD: f64 = -1.0;
 const TRIED: f64 = -0.3;
 
-/// Rates at which noise may grow with its signal, and log prior odds of that against noise of one size.
-const RATES: [f64; 3] = [0.7, 2.0, 6.0];
-const GROWING: f64 = -3.0;
-
 /// What everything is judged on.
 #[derive(Clone)]
 pub(crate) struct Ground<'a> {
@@ -418,39 +414,6 @@ impl Ground<'_> {
             }
         }
         Some(state)
-    }
-
-    /// The ground on which the noise of each output grows with its signal where a state's residuals say so, and the state fitted there; none where it has
-    /// no response.
-    pub(crate) fn with_growing_noise(mut self, base: State) -> Option<(Self, (State, Judged))> {
-        let mut fitted = self.refit(base, None)?;
-        if !self.runs.all.iter().zip(&fitted.0.text.predictors).all(|(_, p)| p.frequencies().is_none()) {
-            return Some((self, fitted));
-        }
-        let mut changed = false;
-        for output in 0..self.binning.outputs {
-            let responses = crate::candidates::predictor::responses(
-                &fitted.0.text.model,
-                self.runs.all,
-                &fitted.0.text.predictors,
-                &fitted.0.theta,
-            )?;
-            let tried = |rate: &f64| {
-                let binning = self.binning.grown((output, *rate), &responses, self.deviations[output]);
-                let ground = Ground { binning, ..self.clone() };
-                let judged = ground.judge(&fitted.0, None)?;
-                Some((ground, judged))
-            };
-            let best = RATES.iter().filter_map(tried).max_by(|a, b| a.1.log.total_cmp(&b.1.log));
-            if let Some((ground, judged)) = best.filter(|(_, judged)| judged.log + GROWING > fitted.1.log) {
-                (self, changed) = (ground, true);
-                fitted.1 = judged;
-            }
-        }
-        if changed {
-            fitted = self.refit(fitted.0, Some(&fitted.1.evidence.weights.clone()))?;
-        }
-        Some((self, fitted))
     }
 
     /// A state fitted by its own noise, with the greatest evidence on the way; none where it has no response.

@@ -9,10 +9,10 @@ use super::state::{Ground, State};
 use crate::candidates::DiagnosisError;
 use crate::candidates::extended_model::place;
 use crate::candidates::fitted_model::FittedModel;
-use crate::candidates::initial_fit::{initial_fits, plain_fit};
+use crate::candidates::initial_fit::initial_fits;
 use crate::candidates::place::PlaceKind;
 use crate::candidates::runs::{DiagnosisOptions, Domain, Runs, apart, interval, keeps_inputs, prepared, thinned};
-use crate::candidates::written_model::{WrittenModel, at_values, squares, written_model};
+use crate::candidates::written_model::{WrittenModel, squares, written_model};
 use crate::diagnosis::{
     Alternative, Biased, Cause, Diagnosis, Explanation, FrontModel, FrontOutput, NewValue, OutputGain, Overlay,
     UnnamedCause, Verdict,
@@ -26,9 +26,6 @@ use fdm_estimate::{Work, changed};
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use std::collections::BTreeSet;
-
-/// Ratio of squared errors, on validation runs where there are any, up to which a set predicts as well.
-const AS_WELL: f64 = 1.02;
 
 /// Finds what is missing from a model: fits it as it stands, and goes from set of effects to set by the evidence of the written model.
 ///
@@ -144,25 +141,23 @@ impl Judge<'_> {
     /// The text of a state fitted plainly to the training runs, at the values that stand in it.
     fn plain(&self, state: &State) -> Option<WrittenModel> {
         let fitted = state.fitted(self.runs)?;
-        let asked = (self.options, self.work);
-        let found = plain_fit(&fitted, &state.theta, self.runs, asked).ok()?;
-        at_values(&found, &found.theta, &self.first.response, self.runs)
+        written_model(&fitted, &state.theta, &self.first.response, (self.runs, self.options, self.work)).ok()
     }
 
     fn diagnosis(&self, ground: &Ground<'_>, candidates: &[Candidate]) -> Result<Diagnosis, DiagnosisError> {
         let Self { first, runs, options, work } = *self;
         let base = State::base(first, ground.runs).ok_or_else(|| DiagnosisError::NoFit("it has no response".into()))?;
         work.stage(&format!("searching among {} candidates", candidates.len()));
-        let predicts = |new: &State, old: &State| {
-            // without runs that were not fitted, those that were: a text with one effect more that does worse there was lost on its way
-            let ratio = |state: &State| self.plain(state).map_or(f64::INFINITY, |w| w.ratio());
-            ratio(new) <= AS_WELL * ratio(old)
+        // without runs that were not fitted, those that were: a text with one effect more that does worse there was lost on its way
+        let error = |state: &State| match state.effects.is_empty() {
+            true => 1.0,
+            false => self.plain(state).map_or(f64::INFINITY, |w| w.ratio()),
         };
         let none = || DiagnosisError::NoFit("it has no derivatives at the estimates".into());
         let (ground, null) = ground.clone().with_growing_noise(base.clone()).ok_or_else(none)?;
-        let ground = &ground;
-        let search = Search { ground, base, null, candidates, most: options.most, predicts: &predicts };
+        let search = Search { ground, base, null, candidates, most: options.most, error: &error };
         let found = search.run().ok_or_else(none)?;
+        let ground = &found.ground;
         work.stage("looking for what has no name");
         let asked = *runs.domain == Domain::Time;
         let unnamed_beside = |(state, judged): &Fitted| match asked && work.goes_on() {
@@ -180,13 +175,7 @@ impl Judge<'_> {
         let named = verdict == Verdict::EffectFound;
         let Beside { courses, laws } = if named { left } else { beside };
         let state = &found.best.0;
-        let written = match named.then(|| state.fitted(runs)).flatten() {
-            None => None,
-            Some(fitted) => {
-                let asked = (runs, options, work);
-                written_model(&fitted, &state.theta, &first.response, asked).ok()
-            }
-        };
+        let written = if named { self.plain(state) } else { None };
         let law = laws.first().filter(|_| verdict == Verdict::Law);
         let curve = law.and_then(|law| curve(law, &found.null.0, (runs, options, work)));
         let mut unnamed: Vec<UnnamedCause> = courses.into_iter().chain(laws).map(unnamed).collect();

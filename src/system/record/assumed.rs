@@ -1,9 +1,9 @@
 //! Everything that was assumed about a record, in a form that results keep: delimiter and decimal mark, units, rows that were dropped or used once,
 //! bridged gaps, converted times.
 
+use super::grid::Mark;
 use super::note::Note;
 use super::read::{ChannelSource, Summary};
-use super::table::Mark;
 use serde::{Deserialize, Serialize};
 
 /// What was assumed about the record of one run. Results hold it.

@@ -155,7 +155,7 @@ impl Source {
 }
 
 /// Where everything is read from.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(crate) struct Plan {
     /// The time column; `None` when samples are counted.
     pub(crate) time: Option<Source>,

@@ -1,7 +1,7 @@
 //! What a user is told about a record that cannot be used: file, line, column, what was found, what was expected.
 
 use super::channel::Role;
-use super::table::Mark;
+use super::grid::Mark;
 use std::fmt;
 
 /// Everything that is wrong with one file, in the order in which it was found; at least one problem.
@@ -216,8 +216,8 @@ pub enum Fault {
     /// Nothing but blank lines and comments.
     #[error("the file holds no rows, expected a header with column names and rows of numbers")]
     Empty,
-    /// The first row holds numbers.
-    #[error("the first row holds numbers ({0}), expected column names such as `t [s], phi [deg]`")]
+    /// No line holds names of the columns.
+    #[error("no line above the rows holds names of the columns ({0}), expected such as `t [s], phi [deg]`")]
     NoHeader(String),
     /// A line too long to be a row, by the limit in bytes.
     #[error("the line is longer than the limit of {} KiB, expected rows of numbers", .0 >> 10)]
@@ -459,6 +459,42 @@ pub enum Fault {
         "found `{0}`, expected a date with a time as in `2026-05-01T12:34:56.7`, or a time as in `12:34:56.7`, as above it"
     )]
     NotAStamp(String),
+    /// A value below what the instrument can tell.
+    #[error("found `{0}`, a value below a limit, expected a number")]
+    BelowLimit(String),
+    /// A column for the time that counts rows.
+    #[error("column `{0}` counts rows, and nothing says how many there are in a second")]
+    Counter(String),
+    /// A column for the time whose unit is open.
+    #[error(
+        "column `{column}` states no unit, and its steps are {step}: too long for seconds, as for a clock in parts of them"
+    )]
+    DoubtfulUnit {
+        /// Its title.
+        column: String,
+        /// The usual step.
+        step: String,
+    },
+    /// Dates whose day and month cannot be told apart.
+    #[error("the dates in column `{0}` may have the day or the month first")]
+    DayOrMonth(String),
+    /// A rate that is none.
+    #[error("--rate {0}: expected a number above zero, in samples per second")]
+    Rate(String),
+    /// A rate beside times.
+    #[error("--rate: column `{0}` holds the time")]
+    RateBesideTime(String),
+    /// A column of runs that is not there.
+    #[error("--runs-by {column}: the file has no such column; the columns are {columns}")]
+    UnknownRuns {
+        /// The column.
+        column: String,
+        /// What there is.
+        columns: Names,
+    },
+    /// Several runs where one is wanted.
+    #[error("the file holds {0} runs, expected one")]
+    SeveralRuns(usize),
     /// A number that has no logarithm.
     #[error("found `{0}`, expected a number above zero: its logarithm is read")]
     NotPositive(String),

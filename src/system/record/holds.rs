@@ -69,7 +69,7 @@ impl Run {
 /// that was held never is. So a held one stays in most intervals, and no sample of it lies inside a rise or a fall. A sensor with a coarse
 /// resolution looks alike: it goes up and down by one unit over many levels. A staircase does so too, but stays on each tread for the same
 /// time, within a sample of rounding.
-pub(super) fn moves_at_samples(values: impl Iterator<Item = f64>) -> bool {
+pub fn moves_at_samples(values: impl Iterator<Item = f64>) -> bool {
     let values: Vec<f64> = values.collect();
     let changes: Vec<(usize, f64)> =
         values.windows(2).enumerate().map(|(k, w)| (k, w[1] - w[0])).filter(|(_, change)| *change != 0.0).collect();

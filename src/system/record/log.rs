@@ -1,12 +1,14 @@
-//! Logs and data files of other formats, and maps of text files, as tables of numbers.
+//! Files of every format as tables, and by a map as channels: one road from bytes to columns.
 
 use super::channel::Channels;
+use super::column::Column;
 use super::error::{Fault, Problem, RecordError};
+use super::heading::Heading;
 use super::note::Note;
 use super::options::ReadOptions;
 use super::samples::numbers;
-use super::table::{Heading, Numbers, Table};
-use super::text;
+use super::table::Table;
+use super::{text, times};
 use fdm_readers::{Field, Format, Log, ReadError, RecordMap, Taken, Topic, open, open_from, take};
 use std::path::Path;
 
@@ -16,6 +18,12 @@ pub(crate) enum Content {
     Text(Vec<u8>),
     /// A log or data file.
     Log(Result<Log, ReadError>),
+}
+
+/// Tables of a file, each with its name.
+struct Opened {
+    format: &'static str,
+    tables: Vec<(String, Table)>,
 }
 
 /// Reads a file or pipe.
@@ -28,6 +36,29 @@ pub(crate) fn content(path: &Path) -> Result<Content, Problem> {
     Ok(if Format::of(&bytes).is_some() { Content::Log(open(&bytes)) } else { Content::Text(bytes) })
 }
 
+/// The tables of a file of any format.
+fn opened(content: Content, salvage: bool, notes: &mut Vec<Note>) -> Result<Opened, Problem> {
+    let log = match content {
+        Content::Text(bytes) => {
+            let table = Table::of_text(bytes)?;
+            return Ok(Opened { format: "text", tables: vec![(String::new(), table)] });
+        }
+        Content::Log(log) => whole(log, salvage, notes)?,
+    };
+    let format = log.format;
+    let mut tables = Vec::new();
+    for sheet in &log.sheets {
+        match Table::of_sheet(format, sheet)? {
+            Some(table) => tables.push((sheet.name.clone(), table)),
+            None => notes.push(Note::Taken(format!("the sheet `{}` holds no table of numbers", sheet.name))),
+        }
+    }
+    let alone = tables.len() == 1 && log.topics.is_empty();
+    tables.iter_mut().filter(|_| alone).for_each(|(name, _)| name.clear());
+    tables.extend(log.topics.into_iter().map(|topic| (topic.name.clone(), Table::of_topic(format, topic))));
+    Ok(Opened { format, tables })
+}
+
 /// A file of any format as a table.
 pub(crate) fn table(
     content: Content,
@@ -35,36 +66,26 @@ pub(crate) fn table(
     options: &ReadOptions,
     notes: &mut Vec<Note>,
 ) -> Result<Table, Vec<Problem>> {
-    let log = match content {
-        Content::Log(log) => {
-            let log = whole(log, options.salvage, notes).map_err(|p| vec![p])?;
-            match &options.map_file {
-                Some(map) => (log, map),
-                None => return only(log, notes).map_err(|p| vec![p]),
-            }
-        }
-        Content::Text(bytes) => {
-            let table = Table::new(bytes).map_err(|p| vec![p])?;
-            match &options.map_file {
-                Some(map) => {
-                    notes.extend((!table.ended).then_some(Note::OpenEnd));
-                    (Log { format: "text", topics: vec![mapped(&table, map)?], ..Log::default() }, map)
-                }
-                None => return Ok(table),
-            }
-        }
-    };
+    let opened = opened(content, options.salvage, notes).map_err(|p| vec![p])?;
+    let Some(map) = &options.map_file else { return only(opened, notes).map_err(|p| vec![p]) };
+    let format = opened.format;
+    let mut topics = Vec::new();
+    for (name, table) in opened.tables {
+        notes.extend((!table.ended).then_some(Note::OpenEnd));
+        notes.extend(table.notes.iter().cloned());
+        topics.push(topic(name, table, Some(map), notes)?);
+    }
     let drives = |k: usize| channels.driving.contains(&k);
     let wanted = |name: &str| {
         let output =
             channels.outputs.iter().position(|c| c.name == name).filter(|_| !options.without.iter().any(|w| w == name));
         if channels.inputs.iter().any(|c| c.name == name) { Some(true) } else { output.map(drives) }
     };
-    let (log, map) = log;
+    let log = Log { format, topics, ..Log::default() };
     let taken = take(&log, map, &wanted);
     let taken = taken.map_err(|e| e.iter().map(|e| Fault::Map(e.to_string()).anywhere()).collect::<Vec<_>>())?;
     notes.extend(taken.notes.iter().cloned().map(Note::Taken));
-    Ok(Table::of_numbers(log.format, of_taken(taken)))
+    Ok(of_taken(format, taken))
 }
 
 /// A log that was read; what is damaged in it is said or refused.
@@ -88,116 +109,123 @@ fn whole(log: Result<Log, ReadError>, salvage: bool, notes: &mut Vec<Note>) -> R
     Ok(log)
 }
 
-/// All that a log or a table of text holds, for people to look at before they map it.
+/// All that a file holds, for people to look at before they map it.
 ///
 /// # Errors
-/// [`RecordError`] of a file that cannot be read, or is damaged while `salvage` is not wanted.
+/// [`RecordError`] of a file that cannot be read, holds no numbers, or is damaged while `salvage` is not wanted.
 pub fn open_log(path: &Path, salvage: bool) -> Result<(Log, Vec<Note>), RecordError> {
     let told = |problem| RecordError { file: path.display().to_string(), problems: vec![problem] };
     let mut notes = Vec::new();
-    let bytes = match content(path).map_err(told)? {
-        Content::Log(log) => return whole(log, salvage, &mut notes).map(|log| (log, notes)).map_err(told),
-        Content::Text(bytes) => bytes,
+    let opened = content(path).and_then(|content| opened(content, salvage, &mut notes)).map_err(told)?;
+    let format = opened.format;
+    let mut topics = Vec::new();
+    for (name, table) in opened.tables {
+        notes.extend((!table.ended).then_some(Note::OpenEnd));
+        notes.extend(table.notes.iter().cloned());
+        if let Some((line, found, _)) = table.ragged.first() {
+            let (count, width) = (table.ragged.len(), table.columns.len());
+            let said = format!(
+                "{count} row(s) have other than {width} cells and are left out, first {} {line} with {found}",
+                table.place
+            );
+            notes.push(Note::Layout(said));
+        }
+        let topic = topic(name, table, None, &mut notes);
+        topics.push(topic.map_err(|problems| RecordError { file: path.display().to_string(), problems })?);
+    }
+    if topics.iter().all(|t| t.rows() == 0) {
+        return Err(told(Fault::Empty.anywhere()));
+    }
+    Ok((Log { format, topics, ..Log::default() }, notes))
+}
+
+/// A table as a topic: its columns of numbers under their names, those that a map wants as it calls them.
+///
+/// # Errors
+/// Cells of the columns that a map wants which hold no numbers.
+fn topic(name: String, table: Table, map: Option<&RecordMap>, notes: &mut Vec<Note>) -> Result<Topic, Vec<Problem>> {
+    let froms = || map.iter().flat_map(|m| m.channel.values().map(|c| c.from.as_str()).chain(m.time.from.as_deref()));
+    let named = |text: &str| {
+        let exact = table.headings().position(|h| h.title == text);
+        let of_topic = text.strip_prefix(name.as_str()).and_then(|rest| rest.strip_prefix('.'));
+        let loose = || table.headings().position(|h| h.is(text) || of_topic.is_some_and(|field| h.is(field)));
+        exact.or_else(loose).map(|column| (of_topic.unwrap_or(text).to_string(), column))
     };
-    let table = Table::new(bytes).map_err(told)?;
-    notes.extend((!table.ended).then_some(Note::OpenEnd));
-    let times = ["t", "time", "T", "Time", "TIME"];
-    let time = times.iter().find_map(|n| table.columns.iter().position(|h| h.name == *n));
-    let time = time.or_else(|| (0..table.columns.len()).find(|k| table.is_clock(*k)));
-    let mut topic = Topic::default();
-    for (column, heading) in table.columns.iter().enumerate().filter(|(_, h)| !h.title.is_empty()) {
-        let is_clock = table.is_clock(column);
-        match numbers(&table, &[column], Some(column).filter(|_| is_clock)) {
-            Ok(mut values) => {
-                topic.time = topic.time.or_else(|| (time == Some(column)).then_some(topic.fields.len()));
-                let unit = if is_clock { Some("s".to_string()) } else { heading.unit.clone() };
-                topic.fields.push(Field { name: heading.name.clone(), unit, values: values.pop().unwrap_or_default() });
-            }
-            Err(problems) => notes.extend(problems.iter().take(1).map(|p| Note::Taken(p.to_string()))),
+    let mut wanted: Vec<(String, usize)> = Vec::new();
+    for (from, column) in froms().filter_map(named) {
+        if !wanted.iter().any(|(name, _)| *name == from) {
+            numbers(&table, column)?;
+            wanted.push((from, column));
         }
     }
-    Ok((Log { format: "text", topics: vec![topic], ..Log::default() }, notes))
+    let of_map = map.and_then(|m| m.time.from.as_deref()).and_then(named).map(|(_, column)| column);
+    let time = of_map.or_else(|| times::found(&table, &|_| true).ok().flatten());
+    let unit = time.map(|column| times::unit_of(&table, column));
+    notes.extend(unit.iter().filter(|_| map.is_none_or(|m| m.time.unit.is_none())).filter_map(|u| u.note.clone()));
+    let mut topic = Topic { name, ..Topic::default() };
+    for (column, own) in table.columns.into_iter().enumerate() {
+        let is_time = time == Some(column);
+        let unit = if is_time { unit.as_ref().and_then(|u| u.unit.clone()) } else { own.heading.unit.clone() };
+        let names: Vec<&String> = wanted.iter().filter(|(_, k)| *k == column).map(|(name, _)| name).collect();
+        if own.heading.title.is_empty() || names.is_empty() && !own.has_numbers() {
+            let title = own.heading.title.escape_debug();
+            let text = own.texts().next().map(|(_, text)| super::error::excerpt(text));
+            notes.extend(
+                text.filter(|_| !title.to_string().is_empty())
+                    .map(|text| Note::Taken(format!("`{title}` holds no numbers (`{text}`, ..)"))),
+            );
+            continue;
+        }
+        topic.time = topic.time.or_else(|| is_time.then_some(topic.fields.len()));
+        let (shown, title) = (own.heading.name.clone(), own.heading.title.clone());
+        for name in names.iter().skip(1) {
+            topic.fields.push(Field {
+                name: (*name).clone(),
+                unit: unit.clone(),
+                values: own.values.clone(),
+                texts: Vec::new(),
+            });
+        }
+        let name = names.first().map_or(if map.is_some() { title } else { shown }, |name| (*name).clone());
+        topic.time = if is_time { Some(topic.fields.len()) } else { topic.time };
+        topic.fields.push(Field { name, unit, values: own.values, texts: Vec::new() });
+    }
+    Ok(topic)
 }
 
 /// The only table of a file.
-fn only(mut log: Log, notes: &mut Vec<Note>) -> Result<Table, Problem> {
+fn only(opened: Opened, notes: &mut Vec<Note>) -> Result<Table, Problem> {
     const SHOWN: usize = 12;
-    let tables: Vec<&Topic> = log.topics.iter().filter(|t| t.rows() > 1).collect();
-    match tables[..] {
-        [_] => {}
-        [] => return Err(Fault::Empty.anywhere()),
-        _ => {
-            let mut names: Vec<&str> = tables.iter().take(SHOWN).map(|t| t.name.as_str()).collect();
-            if tables.len() > SHOWN {
-                names.push("..");
-            }
-            let (format, count, names) = (log.format, tables.len(), names.join(", "));
-            let hint = "name the channels by --map-file MAP.toml; `fdm data FILE --list` shows what is there";
-            return Err(Fault::SeveralClocks { format, count, names }.anywhere().hint(hint));
-        }
+    let Opened { format, mut tables } = opened;
+    if format == "text" {
+        return Ok(tables.swap_remove(0).1);
     }
-    let constants = log.topics.iter().filter(|t| t.rows() == 1).flat_map(|t| &t.fields).count();
+    let constants = tables.iter().filter(|(_, t)| t.rows() == 1).map(|(_, t)| t.columns.len()).sum::<usize>();
+    let mut many: Vec<(String, Table)> = tables.into_iter().filter(|(_, t)| t.rows() > 1).collect();
+    if many.len() > 1 {
+        let mut names: Vec<&str> = many.iter().take(SHOWN).map(|(name, _)| name.as_str()).collect();
+        if many.len() > SHOWN {
+            names.push("..");
+        }
+        let (count, names) = (many.len(), names.join(", "));
+        let hint = "name the channels by --map-file MAP.toml; `fdm data FILE --list` shows what is there";
+        return Err(Fault::SeveralClocks { format, count, names }.anywhere().hint(hint));
+    }
+    let Some((_, table)) = many.pop() else { return Err(Fault::Empty.anywhere()) };
     if constants > 0 {
         notes.push(Note::Taken(format!("{constants} single value(s) beside the table are left out")));
     }
-    let place = log.topics.iter().position(|t| t.rows() > 1).unwrap_or_default();
-    let topic = log.topics.swap_remove(place);
-    let seconds = topic.time.filter(|k| topic.fields[*k].unit.is_some());
-    // large arrays stand in memory once
-    let columns = topic.fields.into_iter().enumerate();
-    let columns = columns.map(|(k, field)| (heading(&field, seconds == Some(k)), field.values));
-    Ok(Table::of_numbers(log.format, Numbers::new(columns.collect(), Vec::new())))
+    Ok(table)
 }
 
-/// Slices of arrays have brackets that are no units.
-fn heading(field: &Field, is_time: bool) -> Heading {
-    let title = field.name.clone();
-    let name = if is_time { "t".to_string() } else { title.clone() };
-    match &field.unit {
-        None if !title.contains(":,") => Heading::new(&title),
-        unit => Heading { title, name, unit: unit.clone() },
-    }
-}
-
-fn of_taken(taken: Taken) -> Numbers {
+fn of_taken(format: &'static str, taken: Taken) -> Table {
     let held = taken.columns.iter().filter_map(|c| Some((c.name.clone(), c.hold?))).collect();
-    let plain = |name: &str, unit: Option<String>| Heading { title: name.into(), name: name.into(), unit };
-    let time = taken.time.map(|time| (plain("t", Some("s".into())), time));
-    let timed = time.iter().map(|_| Vec::new());
-    let sampled = timed.chain(taken.columns.iter().map(|c| c.sampled.clone())).collect();
-    let columns = taken.columns.into_iter().map(|c| (plain(&c.name, c.unit), c.values));
-    let mut numbers = Numbers::new(time.into_iter().chain(columns).collect(), held);
-    numbers.sampled = sampled;
-    numbers
-}
-
-/// The columns of a text file that a map names, and its time.
-pub(crate) fn mapped(table: &Table, map: &RecordMap) -> Result<Topic, Vec<Problem>> {
-    let named = |text: &str| {
-        let exact = table.columns.iter().position(|h| h.title == text);
-        exact.or_else(|| table.columns.iter().position(|h| h.name == text))
-    };
-    let times = ["t", "time", "T", "Time", "TIME"];
-    let time = map.time.from.as_deref().map_or_else(|| times.iter().find_map(|n| named(n)), named);
-    let mut wanted: Vec<(String, usize)> = Vec::new();
-    let froms = map.channel.values().map(|c| c.from.as_str()).chain(map.time.from.as_deref());
-    for from in froms {
-        if let Some(column) = named(from).filter(|_| !wanted.iter().any(|(name, _)| name == from)) {
-            wanted.push((from.to_string(), column));
-        }
-    }
-    if let Some(column) = time.filter(|column| !wanted.iter().any(|(_, k)| k == column)) {
-        wanted.push((table.columns[column].title.clone(), column));
-    }
-    let is_clock = time.is_some_and(|column| table.is_clock(column));
-    let columns: Vec<usize> = wanted.iter().map(|(_, column)| *column).collect();
-    let values = numbers(table, &columns, time.filter(|_| is_clock))?;
-    let fields = wanted.iter().zip(values).map(|((name, column), values)| Field {
-        name: name.clone(),
-        unit: if is_clock && time == Some(*column) { Some("s".into()) } else { table.columns[*column].unit.clone() },
-        values,
+    let time = taken.time.map(|time| Column::of_numbers(Heading::plain("t", Some("s".into())), time));
+    let columns = taken.columns.into_iter().map(|c| {
+        let heading = Heading::plain(&c.name, c.unit);
+        let mut column = Column::of_numbers(heading, c.values);
+        column.sampled = c.sampled;
+        column
     });
-    let fields: Vec<Field> = fields.collect();
-    let time = time.and_then(|time| wanted.iter().position(|(_, column)| *column == time));
-    Ok(Topic { name: String::new(), time, fields })
+    Table { held, ..Table::of_columns(format, time.into_iter().chain(columns).collect()) }
 }

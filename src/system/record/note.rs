@@ -1,6 +1,7 @@
 //! What a careful reader of a record would mention.
 
 use super::channel::Role;
+use super::clock::Question;
 use std::fmt;
 
 /// Something true and cheap to find that may explain a poor fit.
@@ -78,10 +79,73 @@ pub enum Note {
     },
     /// What was done to take a run from a log, or left out.
     Taken(String),
+    /// How the table stands in its file.
+    Layout(String),
+    /// A unit that is read as another spelling, or by what is wanted.
+    Spelled {
+        /// Title of the column.
+        column: String,
+        /// As the file has it.
+        unit: String,
+        /// What it was taken for.
+        taken_for: String,
+        /// What else it might be, and how that is said.
+        or_else: Option<String>,
+    },
+    /// The unit of the time, where the file does not state it.
+    TimeUnit {
+        /// Title of the column.
+        column: String,
+        /// The unit.
+        unit: String,
+        /// Whether its size told it: it counts from 1970. Its name did otherwise.
+        since: bool,
+    },
+    /// The times of a record that has none.
+    Rate {
+        /// Samples per second.
+        rate: f64,
+        /// Title of the column that counts them.
+        column: Option<String>,
+    },
+    /// Rows of the instant before, whose values stand in one sample.
+    Merged {
+        /// How many.
+        rows: usize,
+    },
+    /// One of the repeats, or of the runs, of a file.
+    Part {
+        /// Which, from 1.
+        number: usize,
+        /// Of how many.
+        of: usize,
+        /// What tells them apart: the column and its value; rows of one time otherwise.
+        by: Option<(String, String)>,
+    },
+    /// Numbers or words that stand for missing values.
+    Code {
+        /// Title of the column.
+        column: String,
+        /// The number or word.
+        code: String,
+        /// How many.
+        cells: usize,
+        /// Whether nobody said so.
+        guessed: bool,
+    },
+    /// Values below a limit, left out.
+    BelowLimit {
+        /// Title of the column.
+        column: String,
+        /// How many.
+        cells: usize,
+    },
     /// Dates or clock times that were read as seconds.
     Clock {
         /// Title of the column.
         column: String,
+        /// What times of two numbers were taken for.
+        two: Option<Question>,
     },
     /// The run begins before the first sample that is compared.
     Begins {
@@ -133,6 +197,11 @@ impl Note {
             Self::Bridged { .. } => "bridged",
             Self::Taken(_) => "taken",
             Self::Clock { .. } => "clock",
+            Self::Layout(_) | Self::Merged { .. } => "layout",
+            Self::Spelled { .. } => "unit",
+            Self::TimeUnit { .. } | Self::Rate { .. } => "time",
+            Self::Part { .. } => "part",
+            Self::Code { .. } | Self::BelowLimit { .. } => "missing",
             Self::Begins { .. } | Self::FirstRow { .. } => "begin",
             Self::Pause { .. } => "pause",
         }
@@ -193,8 +262,37 @@ impl fmt::Display for Note {
                 write!(f, "the input `{input}` has no value in {gaps} sample(s), which are not compared")
             }
             Self::Taken(what) => f.write_str(what),
-            Self::Clock { column } => {
-                write!(f, "column `{column}` holds dates or clock times, read as seconds since the first midnight")
+            Self::Clock { column, two } => clock(f, column, *two),
+            Self::Layout(what) => f.write_str(what),
+            Self::Spelled { column, unit, taken_for, or_else } => {
+                write!(f, "column `{column}`: `{unit}` is read as {taken_for}")?;
+                or_else.as_ref().map_or(Ok(()), |other| write!(f, "; {other}"))
+            }
+            Self::TimeUnit { column, unit, since: false } => {
+                write!(f, "column `{column}` is read in {unit}, as its name says")
+            }
+            Self::TimeUnit { column, unit, since: true } => {
+                write!(f, "column `{column}` counts {unit} since 1970, as the size of its numbers says")
+            }
+            Self::Rate { rate, column: None } => write!(f, "the rows are {rate} samples a second (--rate)"),
+            Self::Rate { rate, column: Some(column) } => {
+                write!(f, "column `{column}` counts the samples, {rate} a second (--rate)")
+            }
+            Self::Merged { rows } => {
+                write!(f, "{rows} row(s) have the time of the row before and values that it lacks: they are one sample")
+            }
+            Self::Part { number, of, by: Some((column, value)) } => {
+                write!(f, "run {number} of {of}: rows whose column `{column}` holds {value}")
+            }
+            Self::Part { number, of, by: None } => {
+                write!(f, "rows of one time are repeats: this is run {number} of {of}, each with one of them")
+            }
+            Self::Code { column, code, cells, guessed } => {
+                write!(f, "column `{column}`: {cells} cell(s) hold {code}, read as missing")?;
+                if *guessed { write!(f, " (--missing none keeps them)") } else { Ok(()) }
+            }
+            Self::BelowLimit { column, cells } => {
+                write!(f, "column `{column}`: {cells} value(s) below a limit are left out; what is left leans upwards")
             }
             Self::Begins { begin, first, unit, kept, rows } => begins(f, (*begin, *first, unit), *kept, *rows),
             Self::FirstRow { first, unit, states, explicit } => first_row(f, (*first, unit), states, *explicit),
@@ -202,6 +300,17 @@ impl fmt::Display for Note {
                 write!(f, "no sample for {length:.6} from {at:.6} on, where the usual interval is {median:.6}")
             }
         }
+    }
+}
+
+fn clock(f: &mut fmt::Formatter<'_>, column: &str, two: Option<Question>) -> fmt::Result {
+    write!(f, "column `{column}` holds dates or clock times, read as seconds since the first midnight")?;
+    match two {
+        Some(Question::HoursAndMinutes) => {
+            write!(f, "; two numbers are hours and minutes (--map \"t={column} [mm:ss]\" for minutes and seconds)")
+        }
+        Some(Question::MinutesAndSeconds) => write!(f, "; two numbers are minutes and seconds"),
+        _ => Ok(()),
     }
 }
 

@@ -39,6 +39,24 @@ pub struct ReadOptions {
     /// Whether what can be read of a damaged log is used.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub salvage: bool,
+    /// Samples per second of a record without times, or whose times count rows.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rate: Option<f64>,
+    /// Numbers and texts that stand where nothing was measured; `none` where -999 and the like are measured values.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub missing: Vec<String>,
+    /// Whether values below a limit (`<0.5`, `BLQ`) are left out as if they were missing.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub below_missing: bool,
+    /// Whether rows of one time are repeats, each a run of its own.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub replicates: bool,
+    /// The column that tells the runs of a table apart.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub runs_by: Option<String>,
+    /// Which of the runs of the file is meant, from 0; all where it is not said.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub part: Option<usize>,
     /// Values that the run brings (`known T0 per run;`) and its file does not hold.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub known: Vec<Known>,
@@ -100,6 +118,12 @@ impl Default for ReadOptions {
             any_size: false,
             map_file: None,
             salvage: false,
+            rate: None,
+            missing: Vec::new(),
+            below_missing: false,
+            replicates: false,
+            runs_by: None,
+            part: None,
             known: Vec::new(),
             groups: BTreeMap::new(),
             masks: Vec::new(),

@@ -3,63 +3,55 @@
 
 use super::beginning::Lead;
 use super::channel::{Channel, Channels, Demand, Plan, Role, Source};
-use super::error::{Fault, Names, Problem, RecordError};
+use super::error::{Fault, Names, Problem, RecordError, excerpt};
+use super::grid::Dialect;
 use super::holds::Holds;
 use super::note::Note;
 use super::options::ReadOptions;
 use super::run::Run;
 use super::samples::{self, Samples};
-use super::table::{Dialect, Table};
-use super::{beginning, derived, known, log, search};
+use super::table::Table;
+use super::{beginning, derived, known, log, missing, search, shape, times};
 use fdm_grammar::diagnostic::nearest;
 use std::path::Path;
 
 /// Reads a record for a model, in the model's units, order and time, which is 0 at the run's beginning: the first sample used, where
 /// [`ReadOptions::begin`] says nothing else.
 ///
-/// The first row holds titles, `name [unit]` or `name (unit)`; delimiter and decimal mark are recognised; lines that
-/// begin with `#` or `%` are comments. Empty cells and the usual words for them (NaN, NA, -) are gaps: outputs are not
+/// The header is the line above the first long run of rows; titles are `name [unit]` or `name (unit)`, or have their units in a row below; what separates
+/// cells and the decimal mark are recognised. Empty cells and the usual words for them (NaN, NA, -) are gaps: outputs are not
 /// compared there, inputs are bridged from their neighbours in time. Rows that repeat the row before are used once.
 ///
 /// # Errors
-/// All problems that can be told apart: options and columns first, then the cells of the selected rows.
+/// All problems that can be told apart: options and columns first, then the cells of the selected rows; and a file of several runs.
 pub fn read(path: &Path, channels: &Channels, options: &ReadOptions) -> Result<(Run, Summary), RecordError> {
     let demand = if options.require_outputs { Demand::Needed } else { Demand::Free };
-    demanding(path, channels, options, |_| demand)
+    let mut runs = demanding(path, channels, options, |_| demand)?;
+    let several =
+        |n: usize| RecordError { file: path.display().to_string(), problems: vec![Fault::SeveralRuns(n).anywhere()] };
+    let count = runs.len();
+    runs.pop().filter(|_| count == 1).ok_or_else(|| several(count))
 }
 
-/// Reads several records for one model. An output may be missing in a run, its column or all its values, where another run measures it, or where
-/// `elsewhere` (q, or nothing) says so; such a run holds NaN, and a note says it.
+/// Reads several records for one model, each with options of its own, and gives the runs of each file: more than one where rows of one time are repeats,
+/// or a column tells runs apart. An output may be missing in a run, its column or all its values, where another run measures it, or where
+/// `elsewhere` (q, or nothing) says so; such a run holds NaN, and a note says it. Outputs are required where the options of the first file say so.
 ///
 /// # Errors
 /// As [`read()`], of every file; an output that no run measures, where outputs are required; and a missing output whose column may be there
 /// under a name that is nearly the same.
-pub fn read_all(
-    paths: &[impl AsRef<Path>],
-    channels: &Channels,
-    options: &ReadOptions,
-    elsewhere: &[bool],
-) -> Result<Vec<(Run, Summary)>, Vec<RecordError>> {
-    let each: Vec<(&Path, &ReadOptions)> = paths.iter().map(|path| (path.as_ref(), options)).collect();
-    read_each(&each, channels, elsewhere)
-}
-
-/// As [`read_all`], each file with options of its own; outputs are required where those of the first file say so.
-///
-/// # Errors
-/// As [`read_all`].
 pub fn read_each(
     files: &[(&Path, &ReadOptions)],
     channels: &Channels,
     elsewhere: &[bool],
-) -> Result<Vec<(Run, Summary)>, Vec<RecordError>> {
+) -> Result<Vec<Vec<(Run, Summary)>>, Vec<RecordError>> {
     let q = channels.outputs.len();
     let required = files.first().is_some_and(|(_, options)| options.require_outputs);
     let each = |demand: &dyn Fn(usize) -> Demand| {
         let (mut found, mut errors) = (Vec::new(), Vec::new());
         for (path, options) in files {
             match demanding(path, channels, options, demand) {
-                Ok(one) => found.push(one),
+                Ok(runs) => found.push(runs),
                 Err(e) => errors.push(e),
             }
         }
@@ -74,7 +66,7 @@ pub fn read_each(
     }
     let found = each(&|_| Demand::IfMeasured)?;
     let left_out = |k: usize| files.iter().all(|(_, options)| options.without.contains(&channels.outputs[k].name));
-    let measured = |k: usize| elsewhere(k) || left_out(k) || found.iter().any(|(run, _)| run.measures(k));
+    let measured = |k: usize| elsewhere(k) || left_out(k) || found.iter().flatten().any(|(run, _)| run.measures(k));
     let missing: Vec<bool> = (0..q).map(|k| !measured(k)).collect();
     if missing.contains(&true) {
         // read once more, so that each file says what it lacks
@@ -83,12 +75,16 @@ pub fn read_each(
     Ok(found)
 }
 
+/// A part of a table that is a run, or several where rows of one time are repeats: what tells it apart, and its rows.
+type Part = (Option<(String, String)>, Table);
+
+/// The runs of a file that `options` select.
 fn demanding(
     path: &Path,
     channels: &Channels,
     options: &ReadOptions,
     demand: impl Fn(usize) -> Demand,
-) -> Result<(Run, Summary), RecordError> {
+) -> Result<Vec<(Run, Summary)>, RecordError> {
     let of = |(k, channel): (usize, &Channel)| match () {
         () if channels.driving.contains(&k) => Demand::Needed,
         () if options.without.contains(&channel.name) => Demand::LeftOut,
@@ -101,8 +97,53 @@ fn demanding(
     let asked = known::asked(channels, options).map_err(told)?;
     let (columns, demands) = (&asked.channels, asked.demands(demands));
     let table = log::table(content, columns, options, &mut notes).map_err(told)?;
-    let (run, mut summary) = assemble(name_of(path), &table, columns, options, &demands, notes).map_err(told)?;
-    Ok((asked.completed(channels, options, run, &mut summary), summary))
+    let targets = options.map.iter().map(|(_, column)| column.as_str());
+    let mut table = shape::long(table, &columns.names().chain(targets).collect::<Vec<_>>());
+    missing::take_out(&mut table, options);
+    let mut runs = Vec::new();
+    for (by, mut part) in parts(table, options).map_err(|p| told(vec![p]))? {
+        let named = search::named_time(&mut part, columns, options);
+        let may_be = search::may_be_time(columns, options);
+        times::rated(&mut part, options.rate, named, &may_be).map_err(|p| told(vec![p]))?;
+        let mut notes = notes.clone();
+        notes.append(&mut part.notes);
+        let value = by.as_ref().map(|(_, value)| value);
+        let name = value.map_or_else(|| name_of(path), |value| format!("{}#{value}", name_of(path)));
+        runs.extend(
+            assemble(name, &part, columns, options, (&demands, notes))
+                .map_err(told)?
+                .into_iter()
+                .map(|run| (by.clone(), run)),
+        );
+    }
+    let of = runs.len();
+    let mut found = Vec::new();
+    for (number, (by, (run, mut summary))) in runs.into_iter().enumerate() {
+        if options.part.is_some_and(|part| part != number) {
+            continue;
+        }
+        if of > 1 {
+            summary.notes.push(Note::Part { number: number + 1, of, by });
+        }
+        found.push((asked.completed(channels, options, run, &mut summary), summary));
+    }
+    if found.is_empty() { Err(told(vec![Fault::SeveralRuns(of).anywhere()])) } else { Ok(found) }
+}
+
+/// The table, or its parts by a column of runs.
+fn parts(table: Table, options: &ReadOptions) -> Result<Vec<Part>, Problem> {
+    let Some(name) = &options.runs_by else { return Ok(vec![(None, table)]) };
+    let lower = name.to_lowercase();
+    let place = |is: &dyn Fn(&str) -> bool| table.headings().position(|h| is(&h.title) || is(&h.name));
+    let column = place(&|text| text == name).or_else(|| place(&|text| text.to_lowercase() == lower));
+    let Some(column) = column else {
+        let hint = nearest(name, table.headings().map(|h| h.name.as_str())).map(|n| format!("did you mean `{n}`?"));
+        let fault = Fault::UnknownRuns { column: excerpt(name), columns: table.titles() };
+        return Err(fault.anywhere().maybe_hint(hint));
+    };
+    let title = table.columns[column].heading.title.clone();
+    let runs = shape::runs_by(&table, column).into_iter();
+    Ok(runs.map(|(value, rows)| (Some((title.clone(), value)), table.part(&rows))).collect())
 }
 
 /// The name of the run of a file.
@@ -114,31 +155,55 @@ fn name_of(path: &Path) -> String {
     unpacked.file_stem().map_or_else(|| "run".into(), |s| s.to_string_lossy().into_owned())
 }
 
+/// The runs of a table: one, or one for each repeat.
 fn assemble(
     name: String,
     table: &Table,
     channels: &Channels,
     options: &ReadOptions,
-    demands: &[Demand],
-    mut notes: Vec<Note>,
-) -> Result<(Run, Summary), Vec<Problem>> {
+    (demands, mut notes): (&[Demand], Vec<Note>),
+) -> Result<Vec<(Run, Summary)>, Vec<Problem>> {
     let mut problems = check_options(channels, options);
+    if table.unnamed && options.map.is_empty() {
+        let row: Vec<String> =
+            table.columns.iter().take(3).filter_map(|c| Some(c.values.first()?.to_string())).collect();
+        let hint =
+            "name them by their numbers, --map \"t=#1 [s]\" --map u=#2 .., or write names into a line above the rows";
+        problems.push(table.in_header(Fault::NoHeader(row.join(", "))).hint(hint));
+        return Err(problems);
+    }
     let plan = search::plan(table, channels, options, demands, &mut notes).map_err(|p| problems.extend(p));
     let (Ok(plan), true) = (plan, problems.is_empty()) else { return Err(problems) };
-    let mut samples = samples::collect(table, &plan, channels.timed, options)?;
-    check_amount(table, &plan, channels, demands, &samples)?;
+    let repeats = samples::collect(table, &plan, channels.timed, options)?;
+    // a repeat may be short: what all of them hold is enough
+    if let Some(first) = repeats.first() {
+        check_amount(table, &plan, channels, demands, first)?;
+    }
+    let one = |samples| run_of(name.clone(), (table, &plan), channels, options, (samples, notes.clone()));
+    repeats.into_iter().map(one).collect()
+}
+
+/// The run of selected rows.
+fn run_of(
+    name: String,
+    (table, plan): (&Table, &Plan),
+    channels: &Channels,
+    options: &ReadOptions,
+    (mut samples, mut notes): (Samples, Vec<Note>),
+) -> Result<(Run, Summary), Vec<Problem>> {
     let first = samples.time.first().copied();
     let lead = beginning::lead(&samples.time, options, channels.timed)?;
     let question = beginning::in_question(&samples.time, plan.time.as_ref(), options);
     notes.extend(samples.repeated.map(|(rows, line)| Note::Repeated { rows, line }));
+    notes.extend((samples.merged > 0).then_some(Note::Merged { rows: samples.merged }));
     notes.extend((!table.ended).then_some(Note::OpenEnd));
-    let (rows, dialect) = (samples.rows, Dialect { delimiter: table.delimiter, decimal: samples.decimal() });
-    let mapped = table.numbers.as_ref().map_or(&[][..], |n| &n.held);
-    let holds = Holds::of(channels, (&options.hold, &options.linear), mapped, &samples.inputs);
+    let delimiter = table.delimiter.unwrap_or(Dialect::default().delimiter);
+    let (rows, dialect) = (samples.rows, Dialect { delimiter, decimal: samples.decimal() });
+    let holds = Holds::of(channels, (&options.hold, &options.linear), &table.held, &samples.inputs);
     let taken = holds.taken.iter().map(|k| channels.inputs[*k].name.clone());
     notes.extend(taken.map(|input| Note::TakenForHeld { input }));
     known::unwrapped(&mut samples.measured, &channels.outputs, &mut notes);
-    let mut run = finish(name, samples, &plan, channels, (holds, &lead), &mut notes)?;
+    let mut run = finish(name, samples, plan, channels, (holds, &lead), &mut notes)?;
     known::same_in_all(&run, channels).map_err(|problem| vec![problem])?;
     let names: Vec<_> = names(channels).collect();
     // of what is only simulated no squares are taken
@@ -153,7 +218,7 @@ fn assemble(
     let columns = plan.outputs.iter().enumerate().filter(|(_, source)| source.is_some());
     notes.extend(columns.filter(empty).map(|(k, _)| Note::NotMeasured { output: channels.outputs[k].name.clone() }));
     notes.extend(suspicions(&run, &names, sampling));
-    let sources = sources(table, &plan, &run, &names);
+    let sources = sources(table, plan, &run, &names);
     let used = run.len() - lead.before();
     lead.uncompared(&mut run);
     notes.extend(first.and_then(|first| lead.note(first, plan.time.as_ref(), !channels.inputs.is_empty())));
@@ -248,7 +313,7 @@ fn check_amount(
         let fault = Fault::NoValues { role, channel: channel.name.clone() };
         let may_go = role == Role::Output && !channels.drives(&channel.name);
         let hint = may_go.then(|| format!("if it was not measured, say --without-output {}", channel.name));
-        fault.anywhere().column(&table.columns[source.column].title).maybe_hint(hint)
+        fault.anywhere().column(&table.columns[source.column].heading.title).maybe_hint(hint)
     };
     let problems: Vec<_> = (0..m).filter_map(no_input).chain((0..q).filter_map(no_output)).map(problem).collect();
     if problems.is_empty() { Ok(()) } else { Err(problems) }
@@ -331,7 +396,7 @@ fn sources(table: &Table, plan: &Plan, run: &Run, names: &[(Role, String)]) -> V
     let source = |role: Role, channel: &str, source: Option<&Source>, gaps: usize| ChannelSource {
         role,
         channel: channel.to_string(),
-        column: source.map(|s| table.columns[s.column].title.clone()),
+        column: source.map(|s| table.columns[s.column].heading.title.clone()),
         unit: source.and_then(|s| s.unit.clone()),
         scale: source.map_or(1.0, |s| s.scale),
         offset: source.map_or(0.0, |s| s.offset),

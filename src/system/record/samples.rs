@@ -1,15 +1,15 @@
 //! The selected rows of a table as numbers in the model's units, and everything that is wrong with them.
 
 use super::channel::{Plan, Source};
-use super::clock::{self, Axis};
+use super::column::{Column, Thousands};
 use super::error::{Fault, Problem, excerpt};
+use super::grid::{Delimiter, Mark};
 use super::options::ReadOptions;
-use super::table::{Delimiter, Mark, Numbers, Row, Table};
+use super::table::{CUT, Table};
 use super::text::{self, Cell};
-use csv::ByteRecord;
 
 /// Selected rows: times as they stand in the file, channels in the model's units, NaN in gaps.
-#[derive(Debug, Default)]
+#[derive(Debug, Default, Clone)]
 pub(crate) struct Samples {
     /// Rows below the header, selected or not.
     pub(crate) rows: usize,
@@ -25,93 +25,68 @@ pub(crate) struct Samples {
     pub(crate) span: Option<(f64, f64)>,
     /// Rows that repeat the row before, and the line of the first.
     pub(crate) repeated: Option<(usize, usize)>,
-    /// Decimal mark of the numbers and where it was seen first.
-    mark: Option<(Mark, usize)>,
+    /// Rows of the instant before, with values that it lacked.
+    pub(crate) merged: usize,
+    /// Decimal mark of the numbers.
+    pub(crate) mark: Option<Mark>,
 }
 
 impl Samples {
     /// The decimal mark of the file; a point when no number has one.
     pub(crate) fn decimal(&self) -> Mark {
-        self.mark.map_or(Mark::Point, |(mark, _)| mark)
+        self.mark.unwrap_or(Mark::Point)
     }
 }
 
-/// Reads the rows of a table that `options` select.
+/// Times up to which rows of one time are taken for repeats of a laboratory without a word.
+const FEW_TIMES: usize = 200;
+
+/// Reads the rows of a table that `options` select: a part for each repeat, where rows of one time are repeats.
 ///
 /// # Errors
 /// Every problem of the rows, by column: the first place with its fault, a few more lines, and how many follow.
-pub(crate) fn collect(table: &Table, plan: &Plan, timed: bool, options: &ReadOptions) -> Result<Samples, Vec<Problem>> {
-    let mut collector = Collector {
-        table,
-        plan,
-        options,
-        timed,
-        samples: Samples::default(),
-        tallies: Vec::new(),
-        selected: 0,
-        before: None,
-        thousands: Thousands::NotSeen,
-        axis: Axis::default(),
-    };
-    if let Some(numbers) = &table.numbers {
-        for k in 0..numbers.rows() {
-            // in a table without lines the offset of a row is its number
-            let row = Row { start: k, end: k };
-            collector.row(row, Cells::Numbers(numbers, k), false);
-        }
-        return collector.finish();
+pub(crate) fn collect(
+    table: &Table,
+    plan: &Plan,
+    timed: bool,
+    options: &ReadOptions,
+) -> Result<Vec<Samples>, Vec<Problem>> {
+    let all: Vec<usize> = (0..table.rows()).collect();
+    let mut collector = Collector::new(table, plan, options, timed);
+    collector.marks();
+    let mut repeats = collector.rows(&all);
+    let few = collector.samples.time.len() <= FEW_TIMES;
+    if let (Some((time, row)), false) = (repeats.first(), options.replicates || few && plan.inputs.is_empty()) {
+        let (column, before) = (plan.time.as_ref().map(|t| t.column), table.line(*row - 1));
+        let (time, place) = (time.to_string(), table.place);
+        let fault = Fault::NotRising { before: time.clone(), place, line: before, found: time };
+        collector.blame(Kind::Time, column, *row, fault);
+        repeats[1..].iter().for_each(|(_, row)| collector.blame(Kind::Time, column, *row, Fault::NoTime));
     }
-    let (mut rows, mut record, mut previous) = (table.rows(), ByteRecord::new(), ByteRecord::new());
-    while let Some(row) = rows.read(&mut record).map_err(|p| vec![p])? {
-        collector.row(row, Cells::Text(&record), record == previous);
-        std::mem::swap(&mut record, &mut previous);
+    let mut parts = vec![collector.finish()?];
+    while !repeats.is_empty() {
+        let mut collector = Collector::new(table, plan, options, timed);
+        let rows: Vec<usize> = repeats.iter().map(|(_, row)| *row).collect();
+        repeats = collector.rows(&rows);
+        parts.push(collector.finish()?);
     }
-    collector.finish()
+    Ok(parts)
 }
 
-/// Columns of a text as numbers, NaN in gaps, whatever a model wants of them; those of `clock` are dates or clock times.
+/// A column of a table as numbers, NaN in gaps, whatever a model wants of it.
 ///
 /// # Errors
 /// Every cell that is neither number nor gap.
-pub(crate) fn numbers(table: &Table, columns: &[usize], clock: Option<usize>) -> Result<Vec<Vec<f64>>, Vec<Problem>> {
-    let plan = Plan { time: None, strict: false, inputs: Vec::new(), outputs: Vec::new() };
-    let options = ReadOptions::default();
-    let mut collector = Collector {
-        table,
-        plan: &plan,
-        options: &options,
-        timed: false,
-        samples: Samples::default(),
-        tallies: Vec::new(),
-        selected: 0,
-        before: None,
-        thousands: Thousands::NotSeen,
-        axis: Axis::default(),
-    };
-    let mut found: Vec<Vec<f64>> = columns.iter().map(|_| Vec::new()).collect();
-    let (mut rows, mut record) = (table.rows(), ByteRecord::new());
-    while let Some(row) = rows.read(&mut record).map_err(|p| vec![p])? {
-        let cells = Cells::Text(&record);
-        if collector.is_ragged(row, cells) {
-            continue;
-        }
-        for (column, values) in columns.iter().zip(&mut found) {
-            let value = if clock == Some(*column) {
-                collector.stamp(*column, row, cells)
-            } else {
-                collector.number(*column, row, cells)
-            };
-            values.push(value.unwrap_or(f64::NAN));
+pub(crate) fn numbers(table: &Table, column: usize) -> Result<(), Vec<Problem>> {
+    let (plan, options) = (Plan::default(), ReadOptions::default());
+    let mut collector = Collector::new(table, &plan, &options, false);
+    let is_clock = table.is_clock(column);
+    for (row, _) in table.columns[column].texts() {
+        if table.columns[column].values[row].is_nan() {
+            let _ = if is_clock { collector.stamp(column, row) } else { collector.number(column, row) };
         }
     }
-    collector.finish().map(|_| found)
-}
-
-/// One row of a table.
-#[derive(Clone, Copy)]
-enum Cells<'a> {
-    Text(&'a ByteRecord),
-    Numbers(&'a Numbers, usize),
+    collector.finish().map(drop)
 }
 
 struct Collector<'a> {
@@ -121,28 +96,18 @@ struct Collector<'a> {
     timed: bool,
     samples: Samples,
     tallies: Vec<Tally>,
-    /// Rows between `--from` and `--to`.
+    /// Instants between `--from` and `--to`.
     selected: usize,
-    /// Time and place of the selected row before.
-    before: Option<(f64, usize)>,
-    thousands: Thousands,
-    /// The axis of dates and clock times.
-    axis: Axis,
-}
-
-/// Whether decimal commas can be told from separated thousands in a file with commas between its cells.
-enum Thousands {
-    NotSeen,
-    /// Every comma may be either; the first is here.
-    Possible(Row, usize, String),
-    Excluded,
+    /// Time and row of the selected row before, and whether it is a sample.
+    before: Option<(f64, usize, bool)>,
 }
 
 /// Problems of one kind in one column.
 struct Tally {
     key: (Kind, Option<usize>),
     fault: Fault,
-    row: Row,
+    line: usize,
+    hint: Option<String>,
     also: Vec<usize>,
     count: usize,
 }
@@ -154,58 +119,85 @@ enum Kind {
     Time,
 }
 
-impl Collector<'_> {
-    /// Whether a row has more or fewer cells than the header, and is blamed for it.
-    fn is_ragged(&mut self, row: Row, cells: Cells<'_>) -> bool {
-        let Cells::Text(record) = cells else { return false };
-        let width = self.table.columns.len();
-        let longer = record.len() > width && record.iter().skip(width).any(|c| !c.trim_ascii().is_empty());
-        let ragged = record.len() < width || longer;
-        if ragged {
-            self.blame(Kind::Row, None, row, Fault::Ragged { found: record.len(), expected: width });
-        }
-        ragged
+impl<'a> Collector<'a> {
+    fn new(table: &'a Table, plan: &'a Plan, options: &'a ReadOptions, timed: bool) -> Self {
+        let samples = Samples { unsampled: vec![0; plan.outputs.len()], ..Samples::default() };
+        Self { table, plan, options, timed, samples, tallies: Vec::new(), selected: 0, before: None }
     }
 
-    /// `same` says whether the row repeats the one before to the letter.
-    fn row(&mut self, row: Row, record: Cells<'_>, same: bool) {
-        let number = self.samples.rows;
-        self.samples.rows += 1;
-        if self.is_ragged(row, record) {
-            return;
+    /// Reads rows; gives those whose time the row before has too, with other values: time and row.
+    fn rows(&mut self, rows: &[usize]) -> Vec<(f64, usize)> {
+        self.samples.rows = rows.len();
+        if rows.len() == self.table.rows() {
+            self.samples.rows += self.table.ragged.len();
+            for (line, found, hint) in &self.table.ragged {
+                let fault = Fault::Ragged { found: *found, expected: self.table.columns.len() };
+                self.blame_line(Kind::Row, None, *line, fault, hint.map(String::from));
+            }
         }
-        let Some(time) = self.time(row, record, number) else { return };
+        rows.iter().filter_map(|row| self.row(*row)).collect()
+    }
+
+    /// Gives the time of a row that belongs to another repeat.
+    fn row(&mut self, row: usize) -> Option<(f64, usize)> {
+        let time = self.time(row)?;
         let span = self.samples.span.get_or_insert((time, time));
         span.1 = time;
         let (from, to) = (self.options.first_read(), self.options.to.unwrap_or(f64::INFINITY));
-        if time < from || time > to || !self.follows(time, row, same) {
-            return;
+        if time < from || time > to {
+            return None;
+        }
+        let before = self.before.filter(|_| self.timed);
+        if let Some((previous, at, used)) = before.filter(|(previous, ..)| time <= *previous) {
+            if time == previous && self.table.columns.iter().all(|c| c.same(at, row)) {
+                let line = self.table.line(row);
+                self.samples.repeated.get_or_insert((0, line)).0 += 1;
+                return None;
+            }
+            if time == previous {
+                self.before = Some((time, row, used));
+                return (used && !self.merged(row)).then_some((time, row));
+            }
+            let column = self.plan.time.as_ref().map(|t| t.column);
+            let (place, line) = (self.table.place, self.table.line(at));
+            let fault = Fault::NotRising { before: previous.to_string(), place, line, found: time.to_string() };
+            self.blame(Kind::Time, column, row, fault);
         }
         let used = self.selected.is_multiple_of(self.options.every);
+        self.before = Some((time, row, used));
         self.selected += 1;
         if used {
             self.samples.time.push(time);
-            self.channels(row, record);
+            let (inputs, outputs) = self.channels(row);
+            self.samples.inputs.extend(inputs);
+            self.samples.measured.extend(outputs);
         }
+        None
+    }
+
+    /// Adds the values of a row to the sample of the same instant, unless it has others.
+    fn merged(&mut self, row: usize) -> bool {
+        let (inputs, outputs) = self.channels(row);
+        let own = |values: &[f64], width: usize| values.len() - width;
+        let (i, o) = (own(&self.samples.inputs, inputs.len()), own(&self.samples.measured, outputs.len()));
+        let (have, seen) = (&mut self.samples.inputs[i..], &mut self.samples.measured[o..]);
+        let differs = |(a, b): (&f64, &f64)| !a.is_nan() && !b.is_nan() && a != b;
+        if have.iter().zip(&inputs).any(differs) || seen.iter().zip(&outputs).any(differs) {
+            return false;
+        }
+        let new = have.iter_mut().chain(seen.iter_mut()).zip(inputs.iter().chain(&outputs));
+        new.filter(|(own, _)| own.is_nan()).for_each(|(own, value)| *own = *value);
+        self.samples.merged += 1;
+        true
     }
 
     /// The time of a row as it stands in the file, or the row's number.
-    fn time(&mut self, row: Row, record: Cells<'_>, number: usize) -> Option<f64> {
-        let Some(source) = &self.plan.time else { return Some(number as f64) };
+    fn time(&mut self, row: usize) -> Option<f64> {
+        let Some(source) = &self.plan.time else { return Some(row as f64) };
         if !self.plan.strict {
-            return Some(match record {
-                Cells::Numbers(numbers, k) => numbers.columns[source.column][k],
-                Cells::Text(record) => {
-                    let text = record.get(source.column).and_then(|c| str::from_utf8(c).ok()).unwrap_or("");
-                    if let Cell::Number(value, _) = text::scan(text) { value } else { f64::NAN }
-                }
-            });
+            return Some(self.table.columns[source.column].values[row]);
         }
-        let value = if source.clock {
-            self.stamp(source.column, row, record)?
-        } else {
-            self.number(source.column, row, record)?
-        };
+        let value = if source.clock { self.stamp(source.column, row)? } else { self.number(source.column, row)? };
         if value.is_nan() {
             self.blame(Kind::Cell, Some(source.column), row, Fault::NoTime);
             return None;
@@ -213,63 +205,34 @@ impl Collector<'_> {
         Some(value)
     }
 
-    /// Whether the row is a new sample: later than the one before, and not the same row once more.
-    fn follows(&mut self, time: f64, row: Row, same: bool) -> bool {
-        if !self.timed {
-            return true;
-        }
-        let (previous, place) = self.before.replace((time, row.start)).unwrap_or((f64::NEG_INFINITY, 0));
-        if time > previous {
-            return true;
-        }
-        if time == previous && same {
-            let table = self.table;
-            self.samples.repeated.get_or_insert_with(|| (0, table.line(row.start))).0 += 1;
-            return false;
-        }
-        let column = self.plan.time.as_ref().map(|t| t.column);
-        let line = if self.is_blamed(Kind::Time, column) { 0 } else { self.table.line(place) };
-        let place = self.table.place();
-        let fault = Fault::NotRising { before: previous.to_string(), place, line, found: time.to_string() };
-        self.blame(Kind::Time, column, row, fault);
-        true
-    }
-
     /// The seconds of a date or clock time; `None` when the cell has been blamed.
-    fn stamp(&mut self, column: usize, row: Row, record: Cells<'_>) -> Option<f64> {
-        let Cells::Text(cells) = record else { return self.number(column, row, record) };
-        let text = cells.get(column).and_then(|c| str::from_utf8(c).ok()).unwrap_or("");
-        if text.trim().is_empty() {
-            return Some(f64::NAN);
-        }
-        let Some(stamp) = clock::stamp(text) else {
+    fn stamp(&mut self, column: usize, row: usize) -> Option<f64> {
+        let own = &self.table.columns[column];
+        let value = own.values[row];
+        if let Some(text) = own.text(row).filter(|_| value.is_nan()) {
             self.blame(Kind::Cell, Some(column), row, Fault::NotAStamp(excerpt(text)));
             return None;
-        };
-        Some(self.axis.seconds(stamp))
+        }
+        Some(value)
     }
 
-    fn channels(&mut self, row: Row, record: Cells<'_>) {
+    fn channels(&mut self, row: usize) -> (Vec<f64>, Vec<f64>) {
         let plan = self.plan;
-        for source in &plan.inputs {
-            let value = self.channel(source, row, record);
-            self.samples.inputs.push(value);
-        }
-        self.samples.unsampled.resize(plan.outputs.len(), 0);
+        let inputs = plan.inputs.iter().map(|source| self.channel(source, row)).collect();
+        let mut outputs = Vec::with_capacity(plan.outputs.len());
         for (k, source) in plan.outputs.iter().enumerate() {
-            let value = source.as_ref().map_or(f64::NAN, |s| self.channel(s, row, record));
-            self.samples.measured.push(value);
-            if let (Cells::Numbers(numbers, at), Some(s)) = (record, source)
-                && value.is_nan()
-                && !numbers.is_sampled(s.column, at)
-            {
+            let value = source.as_ref().map_or(f64::NAN, |s| self.channel(s, row));
+            outputs.push(value);
+            let sampled = |s: &Source| self.table.columns[s.column].sampled.get(row).is_none_or(|sampled| *sampled);
+            if source.as_ref().is_some_and(|s| value.is_nan() && !sampled(s)) {
                 self.samples.unsampled[k] += 1;
             }
         }
+        (inputs, outputs)
     }
 
-    fn channel(&mut self, source: &Source, row: Row, record: Cells<'_>) -> f64 {
-        let Some(value) = self.number(source.column, row, record) else { return f64::NAN };
+    fn channel(&mut self, source: &Source, row: usize) -> f64 {
+        let Some(value) = self.number(source.column, row) else { return f64::NAN };
         let converted = source.convert(value);
         if converted.is_nan() && !value.is_nan() {
             self.blame(Kind::Cell, Some(source.column), row, Fault::NotPositive(value.to_string()));
@@ -281,125 +244,158 @@ impl Collector<'_> {
     }
 
     /// The number in a cell, NaN for a gap; `None` when it has been blamed.
-    fn number(&mut self, column: usize, row: Row, record: Cells<'_>) -> Option<f64> {
-        let record = match record {
-            Cells::Text(record) => record,
-            Cells::Numbers(numbers, k) => {
-                let value = numbers.columns[column][k];
-                if value.is_infinite() {
-                    self.blame(Kind::Cell, Some(column), row, Fault::Infinite(value.to_string()));
-                    return None;
-                }
-                return Some(value);
-            }
-        };
-        let text = record.get(column).and_then(|c| str::from_utf8(c).ok()).unwrap_or("");
-        let (value, mark) = match text::scan(text) {
-            Cell::Gap => return Some(f64::NAN),
-            Cell::Number(value, mark) => (value, mark),
-            Cell::Infinite => {
-                self.blame(Kind::Cell, Some(column), row, Fault::Infinite(excerpt(text)));
-                return None;
-            }
-            Cell::Vanishing => {
-                self.blame(Kind::Cell, Some(column), row, Fault::Vanishing(excerpt(text)));
-                return None;
-            }
-            Cell::Text => {
-                self.blame(Kind::Cell, Some(column), row, Fault::NotANumber(excerpt(text)));
-                return None;
-            }
-        };
-        let Some(mark) = mark else { return Some(value) };
-        let (expected, place) = *self.samples.mark.get_or_insert((mark, row.start));
-        if mark != expected {
-            let line = if self.is_blamed(Kind::Cell, Some(column)) { 0 } else { self.table.line(place) };
-            self.blame(Kind::Cell, Some(column), row, Fault::MixedMarks { found: excerpt(text), mark: expected, line });
+    fn number(&mut self, column: usize, row: usize) -> Option<f64> {
+        let own = &self.table.columns[column];
+        let value = own.values[row];
+        if value.is_infinite() {
+            self.blame(Kind::Cell, Some(column), row, Fault::Infinite(value.to_string()));
             return None;
         }
-        if mark == Mark::Comma {
-            self.suspect(text, column, row);
-        }
-        Some(value)
+        let Some(text) = own.text(row) else { return Some(value) };
+        let fault = match text::scan(text) {
+            Cell::Below if self.options.below_missing => return Some(f64::NAN),
+            Cell::Below => Fault::BelowLimit(excerpt(text)),
+            Cell::Infinite => Fault::Infinite(excerpt(text)),
+            Cell::Vanishing => Fault::Vanishing(excerpt(text)),
+            _ => Fault::NotANumber(excerpt(text)),
+        };
+        self.blame(Kind::Cell, Some(column), row, fault);
+        None
     }
 
-    /// Between commas that separate cells, `"1,234"` is a decimal comma to some and thousands to others.
-    fn suspect(&mut self, text: &str, column: usize, row: Row) {
-        if self.table.delimiter != Delimiter::Comma || matches!(self.thousands, Thousands::Excluded) {
-            return;
+    /// Decimal marks and separated thousands of the columns that are used.
+    fn marks(&mut self) {
+        let plan = self.plan;
+        let time = plan.time.iter().filter(|_| plan.strict);
+        let mut used: Vec<usize> =
+            time.chain(&plan.inputs).chain(plan.outputs.iter().flatten()).map(|s| s.column).collect();
+        used.sort_unstable();
+        used.dedup();
+        let columns = || used.iter().map(|k| (*k, &self.table.columns[*k]));
+        let marked = |c: &Column, k: usize| c.marks[k].as_ref().map(|(row, _)| *row);
+        let point = columns().filter_map(|(_, c)| marked(c, 0)).min();
+        let comma = columns().filter_map(|(_, c)| marked(c, 1)).min();
+        let (expected, first) = match (point, comma) {
+            (Some(point), Some(comma)) if comma < point => (Mark::Comma, comma),
+            (None, Some(comma)) => (Mark::Comma, comma),
+            (Some(point), _) => (Mark::Point, point),
+            (None, None) => return,
+        };
+        self.samples.mark = Some(expected);
+        let other = usize::from(expected == Mark::Point);
+        let wrong: Vec<(usize, usize, String)> =
+            columns().filter_map(|(k, c)| c.marks[other].as_ref().map(|(row, cell)| (k, *row, cell.clone()))).collect();
+        for (column, row, cell) in wrong {
+            let fault = Fault::MixedMarks { found: excerpt(&cell), mark: expected, line: self.table.line(first) };
+            self.blame(Kind::Cell, Some(column), row, fault);
         }
-        if !text::may_be_thousands(text) {
-            self.thousands = Thousands::Excluded;
-        } else if matches!(self.thousands, Thousands::NotSeen) {
-            self.thousands = Thousands::Possible(row, column, excerpt(text));
+        let commas = self.table.delimiter == Some(Delimiter::Comma);
+        if commas && !columns().any(|(_, c)| c.thousands == Thousands::Excluded) {
+            let possible = columns().find_map(|(k, c)| match &c.thousands {
+                Thousands::Possible(row, cell) => Some((k, *row, cell.clone())),
+                _ => None,
+            });
+            if let Some((column, row, cell)) = possible {
+                self.blame(Kind::Cell, Some(column), row, Fault::Thousands(excerpt(&cell)));
+            }
         }
     }
 
-    /// Whether a fault of this kind has been kept: of later ones only the place is shown.
-    fn is_blamed(&self, kind: Kind, column: Option<usize>) -> bool {
-        self.tallies.iter().any(|t| t.key == (kind, column))
+    fn blame(&mut self, kind: Kind, column: Option<usize>, row: usize, fault: Fault) {
+        let known = self.tallies.iter().any(|t| t.key == (kind, column));
+        let hint = if known { None } else { self.hint(&fault, row) };
+        self.blame_line(kind, column, self.table.line(row), fault, hint);
     }
 
-    fn blame(&mut self, kind: Kind, column: Option<usize>, row: Row, fault: Fault) {
+    fn blame_line(&mut self, kind: Kind, column: Option<usize>, line: usize, fault: Fault, hint: Option<String>) {
         const NAMED: usize = 3;
         let key = (kind, column);
         match self.tallies.iter_mut().find(|t| t.key == key) {
             Some(tally) => {
                 tally.count += 1;
+                let (mut line, mut fault) = (line, fault);
+                if line < tally.line {
+                    std::mem::swap(&mut line, &mut tally.line);
+                    std::mem::swap(&mut fault, &mut tally.fault);
+                }
                 if tally.also.len() < NAMED {
-                    tally.also.push(row.start);
+                    tally.also.push(line);
                 }
             }
-            None => self.tallies.push(Tally { key, fault, row, also: Vec::new(), count: 1 }),
+            None => self.tallies.push(Tally { key, fault, line, hint, also: Vec::new(), count: 1 }),
         }
     }
 
-    fn finish(mut self) -> Result<Samples, Vec<Problem>> {
-        if let Thousands::Possible(row, column, text) = std::mem::replace(&mut self.thousands, Thousands::Excluded) {
-            self.blame(Kind::Cell, Some(column), row, Fault::Thousands(text));
-        }
-        let problems: Vec<_> = self.tallies.iter().map(|t| self.problem(t)).collect();
+    fn finish(self) -> Result<Samples, Vec<Problem>> {
+        let problem = |tally: Tally| {
+            let mut problem = tally.fault.at(tally.line);
+            problem.place = self.table.place;
+            if let Some(column) = tally.key.1 {
+                problem = problem.column(&self.table.columns[column].heading.title);
+            }
+            problem.more = tally.count - 1 - tally.also.len();
+            problem.also = tally.also;
+            problem.maybe_hint(tally.hint)
+        };
+        let problems: Vec<_> = self.tallies.into_iter().map(problem).collect();
         if problems.is_empty() { Ok(self.samples) } else { Err(problems) }
     }
 
-    fn problem(&self, tally: &Tally) -> Problem {
-        let mut problem = tally.fault.clone().at(self.table.line(tally.row.start));
-        problem.place = self.table.place();
-        if let Some(column) = tally.key.1 {
-            problem = problem.column(&self.table.columns[column].title);
-        }
-        problem.also = tally.also.iter().map(|start| self.table.line(*start)).collect();
-        problem.more = tally.count - 1 - tally.also.len();
-        problem.maybe_hint(self.hint(tally))
-    }
-
-    fn hint(&self, tally: &Tally) -> Option<String> {
-        let hint = match &tally.fault {
-            Fault::Ragged { .. } if self.table.line(tally.row.end) > self.table.line(tally.row.start) + 1 => {
-                "a quote that opens in this line is not closed in it"
-            }
-            Fault::Ragged { .. } | Fault::NotANumber(_) if self.table.is_cut(tally.row.end) => {
-                "the file ends here without a line end; it may have been cut off"
-            }
-            Fault::NotANumber(_) if self.table.first_row() == Some(tally.row.start) => {
-                "if this row holds the units, write them into the header: `name [unit]`"
+    fn hint(&self, fault: &Fault, row: usize) -> Option<String> {
+        let hint = match fault {
+            Fault::NotANumber(_) if self.table.is_cut(row) => CUT.into(),
+            Fault::NotANumber(_) if row == 0 => {
+                "if this row holds the units, write them into the header: `name [unit]`".into()
             }
             Fault::NotANumber(text) if text.contains(':') || text.matches('-').count() == 2 => {
-                "dates and clock times are read in the column of the time alone"
+                "dates and clock times are read in the column of the time alone".into()
             }
-            Fault::NotANumber(_) => "leave a cell empty, or write NaN, where nothing was measured",
+            Fault::NotANumber(text) => {
+                format!("leave a cell empty where nothing was measured, or say --missing {text}")
+            }
+            Fault::BelowLimit(_) => {
+                "say --below-limit missing to leave such samples out; estimates lean then to what was seen".into()
+            }
             Fault::NotRising { before, found, .. } if before == found => {
-                "write the time with more digits, or remove one of the rows"
+                let runs = self.column_of_runs().map_or(String::new(), |by| format!("; --runs-by \"{by}\" for the runs of a table"));
+                format!(
+                    "say --replicates where rows of one time are repeats, --rate N where the clock is too coarse for samples at an even rate{runs}"
+                )
             }
-            Fault::NotRising { .. } => "if the file holds several runs, split it, or choose one with --from and --to",
-            Fault::Thousands(_) => "write the numbers without separated thousands and with a decimal point",
+            Fault::NotRising { .. } => match self.column_of_runs() {
+                Some(by) => format!("if `{by}` tells several runs apart, say --runs-by \"{by}\"; or choose one with --from and --to"),
+                None => "if the file holds several runs, split it, or choose one with --from and --to".into(),
+            },
+            Fault::Thousands(_) => "write the numbers without separated thousands and with a decimal point".into(),
             Fault::NotPositive(_) => {
-                "leave a cell empty, or write NaN, where nothing was found; numbers near zero do not have noise that is a factor"
+                "leave a cell empty, or write NaN, where nothing was found; numbers near zero do not have noise that is a factor".into()
             }
-            Fault::Vanishing(_) => "write 0, or take a smaller unit",
-            Fault::Infinite(_) => "leave a cell empty, or write NaN, where the measurement failed",
+            Fault::Vanishing(_) => "write 0, or take a smaller unit".into(),
+            Fault::Infinite(_) => "leave a cell empty, or write NaN, where the measurement failed".into(),
             _ => return None,
         };
-        Some(hint.into())
+        Some(hint)
+    }
+
+    /// A column that changes where the time falls or stands still, and nowhere else.
+    fn column_of_runs(&self) -> Option<String> {
+        let time = &self.table.columns[self.plan.time.as_ref()?.column].values;
+        let falls = |k: &usize| time[*k] <= time[*k - 1];
+        let used = |k: usize| {
+            let sources = self.plan.time.iter().chain(&self.plan.inputs).chain(self.plan.outputs.iter().flatten());
+            sources.into_iter().any(|s| s.column == k)
+        };
+        let tells = |column: &Column| {
+            let changes = |k: &usize| !column.same(*k, *k - 1);
+            let (mut at_falls, mut elsewhere, mut count) = (0, 0, 0);
+            for k in 1..time.len() {
+                count += usize::from(falls(&k));
+                at_falls += usize::from(falls(&k) && changes(&k));
+                elsewhere += usize::from(!falls(&k) && changes(&k));
+            }
+            at_falls > 0 && elsewhere == 0 && 2 * at_falls >= count
+        };
+        let columns = self.table.columns.iter().enumerate().filter(|(k, c)| !used(*k) && !c.heading.title.is_empty());
+        columns.into_iter().find(|(_, c)| tells(c)).map(|(_, c)| excerpt(&c.heading.title))
     }
 }

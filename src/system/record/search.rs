@@ -2,11 +2,14 @@
 
 use super::channel::{Channel, Channels, Demand, Plan, Role, Source};
 use super::error::{Fault, Names, Problem, excerpt};
+use super::heading::Heading;
 use super::note::Note;
 use super::options::ReadOptions;
-use super::table::{Heading, Table};
+use super::table::Table;
+use super::times;
 use fdm_grammar::Unit;
 use fdm_grammar::diagnostic::nearest;
+use fdm_grammar::unit::Spelled;
 
 /// Finds the columns of all channels.
 ///
@@ -90,10 +93,10 @@ impl Search<'_> {
     /// The time column that a model may do without, as long as nothing about it is in doubt.
     fn optional_time(&self) -> Option<Source> {
         let column = self.time_column().ok().flatten()?;
-        let unit = self.table.columns[column].unit.clone();
-        let own = unit.as_deref().and_then(|u| Unit::parse(u).ok());
-        let (scale, offset) = own.map_or(Some((1.0, 0.0)), |own| own.conversion(&self.channels.time))?;
-        Some(Source { column, unit, scale, offset, logarithm: false, clock: false })
+        let unit = times::unit_of(self.table, column).unit;
+        let own = unit.as_deref().and_then(|u| Unit::spelled(u).ok());
+        let (scale, offset) = own.map_or(Some((1.0, 0.0)), |own| own.unit.conversion(&self.channels.time))?;
+        Some(Source { column, unit, scale, offset, logarithm: false, clock: self.table.is_clock(column) })
     }
 
     fn time(&mut self) -> Option<Source> {
@@ -113,55 +116,77 @@ impl Search<'_> {
                 }
             },
         };
-        let channel = Channel::new("t", Some(self.channels.time.clone()));
-        if self.table.is_clock(found.column) {
-            let column = self.table.columns[found.column].title.clone();
-            self.notes.push(Note::Clock { column });
-            let seconds = Found { unit: Some("s".into()), ..found };
-            return self.source(Role::Time, &channel, seconds).map(|source| Source { clock: true, ..source });
-        }
-        self.source(Role::Time, &channel, found)
+        self.time_of(found)
     }
 
-    /// The column that holds the time by its name.
-    fn time_column(&self) -> Result<Option<usize>, Problem> {
-        let of_channel = |name: &str| self.channels.all().any(|(_, c)| c.name == name);
-        let mapped = |h: &Heading| self.options.map.iter().any(|(_, c)| *c == h.title || *c == h.name);
-        let is_time =
-            |h: &Heading| h.unit.as_deref().is_none_or(|u| self.is_time_unit(u)) && !of_channel(&h.name) && !mapped(h);
-        let named = |wanted: &dyn Fn(&str) -> bool| self.unique(|h| wanted(&h.name) && is_time(h));
-        for wanted in
-            [&(|n: &str| n == "t") as &dyn Fn(&str) -> bool, &|n| n.eq_ignore_ascii_case("time"), &|n| n == "T"]
-        {
-            if let Some(column) = named(wanted)? {
-                return Ok(Some(column));
-            }
+    /// The times of a column, in the unit that was given for it or that the file tells.
+    fn time_of(&mut self, found: Found) -> Option<Source> {
+        let (column, own) = (found.column, &self.table.columns[found.column]);
+        let title = excerpt(&own.heading.title);
+        let told = times::unit_of(self.table, column);
+        let clock = self.table.is_clock(column);
+        let unit = if clock { told.unit.clone() } else { found.unit.or_else(|| told.unit.clone()) };
+        if clock || unit == told.unit {
+            self.notes.extend(told.note);
         }
-        // dates and clock times can be nothing else
-        let mut clocks = (0..self.table.columns.len()).filter(|k| self.table.is_clock(*k));
-        Ok(match (clocks.next(), clocks.next()) {
-            (Some(column), None) => Some(column).filter(|k| !mapped(&self.table.columns[*k])),
-            _ => None,
-        })
+        let fault = match () {
+            () if own.question == Some(super::clock::Question::Order) => {
+                let hint = format!("say --map \"t={title} [dd/mm/yyyy]\" or --map \"t={title} [mm/dd/yyyy]\"");
+                Some((Fault::DayOrMonth(title.clone()), hint))
+            }
+            () if unit.is_some() || !self.channels.timed => None,
+            () if times::counts(own) => {
+                let hint =
+                    format!("say --rate N, in samples per second, or --map \"t={title} [s]\" where it is the time");
+                Some((Fault::Counter(title.clone()), hint))
+            }
+            () => times::doubtful(own).map(|step| {
+                let hint = format!("say which: --map \"t={title} [ms]\", [us] or [ns]; or [s]");
+                (Fault::DoubtfulUnit { column: title.clone(), step: step.to_string() }, hint)
+            }),
+        };
+        if let Some((fault, hint)) = fault {
+            self.problems.push(self.table.in_header(fault).hint(hint));
+            return None;
+        }
+        let channel = Channel::new("t", Some(self.channels.time.clone()));
+        self.source(Role::Time, &channel, Found { unit, ..Found::plain(column) })
+            .map(|source| Source { clock, ..source })
+    }
+
+    /// The column that holds the time by its name, its unit or its cells.
+    fn time_column(&self) -> Result<Option<usize>, Problem> {
+        times::found(self.table, &may_be_time(self.channels, self.options))
     }
 
     fn is_time_unit(&self, unit: &str) -> bool {
-        Unit::parse(unit).is_ok_and(|u| u.conversion(&self.channels.time).is_some())
+        Unit::spelled(unit).is_ok_and(|u| u.unit.conversion(&self.channels.time).is_some())
     }
 
     fn missing_time(&mut self) {
-        let columns = self.table.titles();
-        let like = |h: &&Heading| {
-            let lower = h.name.to_lowercase();
-            let named = ["t_", "t.", "time", "zeit", "temps"].into_iter().any(|p| lower.starts_with(p));
-            named || h.unit.as_deref().is_some_and(|u| self.is_time_unit(u))
+        let titles = self.table.titles();
+        let table = self.table;
+        let may_be = may_be_time(self.channels, self.options);
+        let free = |k: &usize| may_be(&table.columns[*k].heading);
+        let of_unit = |k: &usize| table.columns[*k].heading.unit.as_deref().is_some_and(|u| self.is_time_unit(u));
+        let called = times::called_times(table).into_iter().map(|(_, k)| k).find(free);
+        let likely = called.or_else(|| (0..table.columns.len()).filter(free).find(of_unit));
+        let counter = || table.columns.iter().find(|c| times::counts(c));
+        let hint = match (likely.map(|k| (k, excerpt(&table.columns[k].heading.title))), counter()) {
+            (Some((k, title)), _) => {
+                // advice that is followed must not be wrong by a thousand
+                let unit = if times::unit_of(table, k).unit.is_some() { "" } else { " [UNIT]" };
+                let which = if unit.is_empty() { "" } else { ", with s, ms, us, .. for UNIT" };
+                format!("if `{title}` holds the time, say --map \"t={title}{unit}\"{which}")
+            }
+            (None, Some(column)) => {
+                format!("`{}` counts rows: say --rate N, in samples per second", excerpt(&column.heading.title))
+            }
+            (None, None) => {
+                "say --map \"t=COLUMN [s]\", or --rate N, in samples per second, where no column holds the time".into()
+            }
         };
-        let likely = self.table.columns.iter().find(like).map(|h| excerpt(&h.title));
-        let hint = match likely {
-            Some(title) => format!("if `{title}` holds the time, say --map \"t={title}\""),
-            None => "name the column `t` or `time`, or say --map t=COLUMN".into(),
-        };
-        let fault = Fault::Missing { role: Role::Time, channel: "t".into(), columns };
+        let fault = Fault::Missing { role: Role::Time, channel: "t".into(), columns: titles };
         self.problems.push(fault.anywhere().hint(hint));
     }
 
@@ -199,7 +224,8 @@ impl Search<'_> {
     fn is_taken(&self, heading: &Heading) -> bool {
         let named = |name: &str| heading.name.eq_ignore_ascii_case(name) || heading.title.eq_ignore_ascii_case(name);
         let mapped = |text: &str| named(text) || named(&Heading::new(text).name);
-        let time = self.time_column().ok().flatten().is_some_and(|k| self.table.columns[k].title == heading.title);
+        let time =
+            self.time_column().ok().flatten().is_some_and(|k| self.table.columns[k].heading.title == heading.title);
         time || self.channels.names().any(named) || self.options.map.iter().any(|(_, text)| mapped(text))
     }
 
@@ -224,6 +250,9 @@ impl Search<'_> {
         if let Some(column) = self.unique(|h| h.name == name)? {
             return Ok(Some(column));
         }
+        if let Some(column) = self.unique(|h| h.alias.as_deref() == Some(name))? {
+            return Ok(Some(column));
+        }
         if let Some(column) = self.unique(|h| is_pure(&h.name, name))? {
             return Ok(Some(column));
         }
@@ -240,12 +269,11 @@ impl Search<'_> {
             return self.logarithmic_column(channel, inside);
         }
         let given = Heading::new(text);
-        let found = match (as_typed, given.unit) {
-            (Ok(None), Some(unit)) => {
-                let named = self.column(&given.name);
-                named.map(|c| c.map(|column| Found { unit: Some(unit), ..Found::plain(column) }))
+        let found = match as_typed {
+            Ok(None) if given.name != text.trim() => {
+                self.column(&given.name).map(|c| c.map(|column| Found { unit: given.unit, ..Found::plain(column) }))
             }
-            (other, _) => other.map(|c| c.map(Found::plain)),
+            other => other.map(|c| c.map(Found::plain)),
         };
         self.named_column(channel, text, &given.name, found)
     }
@@ -284,7 +312,7 @@ impl Search<'_> {
 
     /// The only column of a kind.
     fn unique(&self, wanted: impl Fn(&Heading) -> bool) -> Result<Option<usize>, Problem> {
-        let mut found = self.table.columns.iter().enumerate().filter(|(_, h)| !h.title.is_empty() && wanted(h));
+        let mut found = self.table.headings().enumerate().filter(|(_, h)| !h.title.is_empty() && wanted(h));
         let first = found.next();
         let count = 1 + found.count();
         match first {
@@ -319,7 +347,7 @@ impl Search<'_> {
     /// Title of the column, of those that may be meant, whose name is nearest, or begins with the name.
     fn like(&self, name: &str, may_be: &dyn Fn(&Heading) -> bool) -> Option<String> {
         // the distance costs the product of the lengths
-        let headings = || self.table.columns.iter().filter(|h| !h.title.is_empty() && h.name.len() <= 100 && may_be(h));
+        let headings = || self.table.headings().filter(|h| !h.title.is_empty() && h.name.len() <= 100 && may_be(h));
         // names of one letter are all equally near
         let resembles = |other: &&str| other.to_lowercase().contains(|c| name.to_lowercase().contains(c));
         let near = nearest(name, headings().map(|h| h.name.as_str())).filter(resembles);
@@ -337,7 +365,7 @@ impl Search<'_> {
             return self.logarithm(role, channel, found);
         }
         let Found { column, unit: given, .. } = found;
-        let heading = &self.table.columns[column];
+        let heading = &self.table.columns[column].heading;
         let pure = || is_pure(&heading.name, &channel.name).then(|| "1".to_string());
         let unit = given.or_else(|| heading.unit.clone()).or_else(pure);
         let same = Source { column, unit: unit.clone(), scale: 1.0, offset: 0.0, logarithm: false, clock: false };
@@ -354,36 +382,46 @@ impl Search<'_> {
             return Some(same);
         };
         let (name, expected) = (channel.name.clone(), to.text().to_string());
-        let known = match Unit::parse(from) {
+        let title = heading.title.clone();
+        let known = match Unit::spelled(from) {
+            // a sign of two meanings, of which the first is no such quantity
+            Ok(known) if !known.unit.same_dimension(to) => Unit::meant(from, to).unwrap_or(known),
             Ok(known) => known,
-            Err(error) => {
-                let hint = error.nearest.map_or_else(
-                    || {
+            Err(error) => match Unit::meant(from, to) {
+                Some(known) => known,
+                None => {
+                    let plain = || {
                         format!(
-                            "write it as in `m/s^2`, `deg/s` or `1`, after the name in brackets: `{name} [{expected}]`"
+                            "say --map \"{name}={} [UNIT]\", with a unit as in `m/s^2`, `deg/s` or `1`",
+                            excerpt(&heading.name)
                         )
-                    },
-                    |near| format!("did you mean `{near}`?"),
-                );
-                let fault = Fault::UnknownUnit { unit: excerpt(from), role, channel: name, expected };
-                self.problems.push(self.table.in_header(fault).column(&heading.title).hint(hint));
-                return None;
-            }
+                    };
+                    let hint = error.nearest.map_or_else(plain, |near| format!("did you mean `{near}`?"));
+                    let fault = Fault::UnknownUnit { unit: excerpt(from), role, channel: name, expected };
+                    self.problems.push(self.table.in_header(fault).column(&title).hint(hint));
+                    return None;
+                }
+            },
         };
-        let Some((scale, offset)) = known.conversion(to) else {
+        let Some((scale, offset)) = known.unit.conversion(to) else {
+            // a model of pure numbers has no opinion on units
+            let plain =
+                || format!("say --map \"{name}={} [1]\" to take its numbers as they are", excerpt(&heading.name));
+            let hint = (expected == "1").then(plain);
             let fault = Fault::Incompatible { found: excerpt(from), expected, role, channel: name };
-            self.problems.push(self.table.in_header(fault).column(&heading.title));
+            self.problems.push(self.table.in_header(fault).column(&title).maybe_hint(hint));
             return None;
         };
+        self.notes.extend(spelled(&known, (&title, from), channel, to));
         Some(Source { scale, offset, ..same })
     }
 
     /// The logarithm of a column in the unit that was given with it, or in its own where there is none to choose.
     fn logarithm(&mut self, role: Role, channel: &Channel, found: Found) -> Option<Source> {
-        let title = self.table.columns[found.column].title.clone();
+        let heading = self.table.columns[found.column].heading.clone();
+        let title = heading.title;
         let name = channel.name.clone();
-        let own =
-            self.table.columns[found.column].unit.clone().filter(|u| Unit::parse(u).map_or(true, |u| !u.is_one()));
+        let own = heading.unit.filter(|u| Unit::spelled(u).map_or(true, |u| !u.unit.is_one()));
         if let Some(unit) = channel.unit.as_ref().filter(|u| !u.is_one()) {
             let fault = Fault::LogarithmOfUnit { role, channel: name, unit: unit.text().to_string() };
             self.problems.push(self.table.in_header(fault).column(&title));
@@ -391,7 +429,7 @@ impl Search<'_> {
         }
         match (own, found.unit) {
             (Some(own), None) => {
-                let bare = &self.table.columns[found.column].name;
+                let bare = &heading.name;
                 let hint = format!("say in which: --map \"{name}=log({bare} [{own}])\"");
                 let fault = Fault::LogarithmInWhich { role, channel: name, unit: excerpt(&own) };
                 self.problems.push(self.table.in_header(fault).column(&title).hint(hint));
@@ -402,8 +440,8 @@ impl Search<'_> {
             }
             (Some(_), Some(unit)) => {
                 // as a channel in that unit would be read
-                let wanted = match Unit::parse(&unit) {
-                    Ok(wanted) => wanted,
+                let wanted = match Unit::spelled(&unit) {
+                    Ok(wanted) => wanted.unit,
                     Err(error) => {
                         let hint = error.nearest.map(|near| format!("did you mean `{near}`?"));
                         let fault = Fault::UnitOfLogarithm { role, channel: name, unit: excerpt(&unit) };
@@ -422,4 +460,39 @@ impl Search<'_> {
 /// `n[1]` is also the title of a pure number `n`.
 fn is_pure(title: &str, name: &str) -> bool {
     title.strip_suffix("[1]") == Some(name)
+}
+
+/// What is said of a unit that is read as another spelling, and of turns that one of two units does not name.
+fn spelled(known: &Spelled, (title, from): (&str, &str), channel: &Channel, to: &Unit) -> Option<Note> {
+    let turns =
+        |text: &str| text.split(|c: char| !c.is_alphabetic()).any(|w| ["rad", "deg", "rev", "rpm"].contains(&w));
+    let taken_for = known.taken_for.clone().unwrap_or_else(|| from.to_string());
+    let rate = Unit::one().quotient(&Unit::second()).is_some_and(|rate| rate.same_dimension(to));
+    let counts = rate && !turns(&taken_for) && turns(to.text());
+    let or_else = counts.then(|| {
+        let name = &Heading::new(title).name;
+        format!("where turns are meant, and not radians, say --map \"{}={name} [rpm]\"", channel.name)
+    });
+    let told = known.taken_for.is_some() || counts;
+    told.then(|| Note::Spelled { column: title.into(), unit: from.into(), taken_for, or_else })
+}
+
+/// Whether a column may hold the time: it is no channel, and no `--map` names it for one.
+pub(crate) fn may_be_time<'a>(channels: &'a Channels, options: &'a ReadOptions) -> impl Fn(&Heading) -> bool + 'a {
+    move |heading| {
+        let is = |text: &str| text == heading.title || text == heading.name || Heading::new(text).name == heading.name;
+        let mapped = options.map.iter().any(|(channel, column)| !channels.means_time(channel) && is(column));
+        !mapped && !channels.names().any(|name| name == heading.name)
+    }
+}
+
+/// The column that `--map` names for the time, where it names one alone; words for a format behind it (`t=Time [dd/mm/yyyy]`) say how its dates are read.
+pub(crate) fn named_time(table: &mut Table, channels: &Channels, options: &ReadOptions) -> Option<usize> {
+    let (_, text) = options.map.iter().find(|(channel, _)| channels.means_time(channel))?;
+    let given = Heading::new(text);
+    let mut found = table.headings().enumerate().filter(|(_, h)| h.is(text.trim()) || h.is(&given.name));
+    let column = found.next().map(|(column, _)| column).filter(|_| found.next().is_none())?;
+    drop(found);
+    given.format.iter().for_each(|format| table.columns[column].in_format(format));
+    Some(column)
 }

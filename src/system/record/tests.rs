@@ -190,8 +190,10 @@ fn missing_channels_are_told_together_with_the_nearest_name() {
     );
     assert!(texts[1].contains("--map \"phi=phi_deg\""), "{}", texts[1]);
     assert!(texts[2].contains("--map yaw=COLUMN"), "{}", texts[2]);
-    let message = one("t_s,u,y\n0,1,1\n", &uy(), &plain());
-    assert!(message.contains("no column for the time `t`") && message.contains("--map \"t=t_s\""), "{message}");
+    let message = one("when,u,y\n0,1,1\n", &uy(), &plain());
+    assert!(message.contains("no column for the time `t`") && message.contains("--rate N"), "{message}");
+    let message = one("timestamp,u,y\n0,1,1\n", &uy(), &plain());
+    assert!(message.contains("--map \"t=timestamp [UNIT]\""), "{message}");
     assert!(one("t,a,y\n0,1,1\n", &uy(), &plain()).contains("(name the column `u`, or say --map u=COLUMN)"));
     let many: String = (0..500).map(|k| format!("c{k},")).collect();
     let message = one(&format!("{many}u,y\n"), &uy(), &plain());
@@ -317,7 +319,8 @@ fn bad_cells_are_named_by_line_and_column_and_not_listed_by_the_thousand() {
     let rows: String = (1..=20_000).map(|k| format!("{k},bad,1\n")).collect();
     let message = one(&format!("t,u,y\n0,1,1\n{rows}"), &uy(), &plain());
     assert!(message.contains("also in lines 4, 5, 6 and 19996 more") && message.len() < 250, "{message}");
-    assert!(bad("t,u,y\ns,m,m\n0,1,1\n", &uy(), &plain())[0].to_string().contains("if this row holds the units"));
+    let (_, summary) = good("t,u,y\nx,m,m\n0,1,1\n1,1,1\n", &uy(), &plain());
+    assert!(summary.notes.iter().any(|n| n.to_string().starts_with("line 2, below the names")), "{:?}", summary.notes);
     let message = one("t,u,y\n0,1,1\n2024-01-01 12:00,1,1\n", &uy(), &plain());
     assert!(message.contains("dates and clock times"), "{message}");
     let wide = format!("t,u,y\n0,1,1\n1,{},1\n", "x".repeat(100_000));
@@ -367,7 +370,10 @@ fn broken_tables_are_refused_with_their_line() {
     assert!(message.starts_with("line 3: found 2 cells") && message.contains("cut off"), "{message}");
     assert!(one("t,u,y\n0,1,1\n1,1,2e", &uy(), &plain()).contains("found `2e`, expected a number (the file ends here"));
     assert!(one("t,u,y\n0,1,1\n1,\"1,2\n2,1,1\n3,1,1\n", &uy(), &plain()).contains("a quote that opens in this line"));
-    assert!(one("0,1,1\n1,1,2\n", &uy(), &plain()).starts_with("line 1: the first row holds numbers (0, 1, 1)"));
+    assert!(
+        one("0,1,1\n1,1,2\n", &uy(), &plain())
+            .starts_with("line 1: no line above the rows holds names of the columns (0, 1, 1)")
+    );
     assert!(one("\n\nt,u,y\n\n", &uy(), &plain()).starts_with("line 3: there are no rows below the header"));
     assert!(one("", &uy(), &plain()).contains("holds no rows"));
     assert!(
@@ -376,7 +382,7 @@ fn broken_tables_are_refused_with_their_line() {
     );
     assert!(one(&format!("{},u,y\n0,1,1\n", "t".repeat(2000)), &uy(), &plain()).contains("a column name of 2000"));
     let error = read_bytes(b"t,u,y\n0,1,1\n1,1,\xb0\n", &uy(), &plain()).unwrap_err().to_string();
-    assert!(error.contains("run.csv: line 3: the file is not UTF-8 text"), "{error}");
+    assert!(error.contains("run.csv: line 3, column `y`: found `°`, expected a number"), "{error}");
 }
 
 #[test]

@@ -2,11 +2,10 @@
 //! something that is neither.
 
 use super::error::{Fault, Problem};
-use super::table::Mark;
+use super::grid::Mark;
 use fdm_readers::{InputError, open_input, unzipped};
 use std::fs::File;
 use std::io::Read;
-use std::ops::Range;
 use std::path::Path;
 use std::sync::OnceLock;
 
@@ -70,56 +69,86 @@ pub(crate) fn reason(error: &std::io::Error) -> String {
     }
 }
 
-/// Bytes to text in which comment lines are blank, so that lines keep their numbers. When the first row holds numbers
-/// and the comment before it has as many words, that comment is the header (numerical libraries write it so).
-pub(crate) fn decode(mut bytes: Vec<u8>) -> Result<String, Problem> {
-    if bytes.starts_with(&[0xef, 0xbb, 0xbf]) {
-        bytes.drain(..3);
-    }
-    let comment = blank_comments(&mut bytes)?;
-    let mut text = String::from_utf8(bytes).map_err(|e| not_text(e.as_bytes(), e.utf8_error().valid_up_to()))?;
+/// Text with its comment lines blank, so that lines keep their numbers.
+#[derive(Debug, Default)]
+pub(crate) struct Decoded {
+    pub(crate) text: String,
+    /// Comments in front of the first rows, without their signs, by line.
+    pub(crate) comments: Vec<(usize, String)>,
+    /// How the file was written, where that is not UTF-8.
+    pub(crate) encoding: Option<&'static str>,
+}
+
+/// Comments that may be headers stand in front of a table; more are never looked at.
+const COMMENTS: usize = 400;
+
+/// Bytes to text: UTF-8, UTF-16 by its mark, Latin-1 as Windows writes it.
+pub(crate) fn decode(bytes: Vec<u8>) -> Result<Decoded, Problem> {
+    let (mut text, encoding) = characters(bytes)?;
     if text.trim().is_empty() {
         return Err(Fault::Empty.anywhere());
     }
-    let (line, first) = first_row(&text);
-    if words(first).all(|w| scan(w) != Cell::Text) && words(first).any(is_number) {
-        let header = comment.and_then(|(range, content)| Some((range, String::from_utf8(content).ok()?)));
-        match header.filter(|(_, content)| is_header_of(content, first)) {
-            Some((range, content)) => text.replace_range(range, &content),
-            None => return Err(no_header(line, first)),
-        }
+    let comments = blank_comments(&mut text)?;
+    if text.trim().is_empty() {
+        return Err(Fault::Empty.anywhere());
     }
-    Ok(text)
+    Ok(Decoded { text, comments, encoding })
 }
 
-/// Where a comment is, and its text with a space for its sign.
-type Comment = (Range<usize>, Vec<u8>);
+fn characters(mut bytes: Vec<u8>) -> Result<(String, Option<&'static str>), Problem> {
+    match bytes[..] {
+        [0xff, 0xfe, ..] => return Ok((of_pairs(&bytes, u16::from_le_bytes), Some("UTF-16"))),
+        [0xfe, 0xff, ..] => return Ok((of_pairs(&bytes, u16::from_be_bytes), Some("UTF-16"))),
+        [0xef, 0xbb, 0xbf, ..] => drop(bytes.drain(..3)),
+        _ => {}
+    }
+    match String::from_utf8(bytes) {
+        Ok(text) => Ok((text, None)),
+        Err(e) => {
+            let (valid, bytes) = (e.utf8_error().valid_up_to(), e.as_bytes());
+            // text has no bytes below the blank but tabulators, line ends and form feeds
+            let binary = bytes.iter().any(|b| *b < b' ' && !matches!(b, b'\t' | b'\n' | b'\r' | 0x0c | 0x1a));
+            if binary {
+                let hint = "it looks like a binary file; export the record as CSV";
+                return Err(Fault::NotText.at(line_of(bytes, valid)).hint(hint));
+            }
+            Ok((bytes.iter().map(|b| char::from(*b)).collect(), Some("Latin-1")))
+        }
+    }
+}
 
-/// Makes comment lines spaces; gives the last one above the first row.
-fn blank_comments(bytes: &mut [u8]) -> Result<Option<Comment>, Problem> {
-    let (mut start, mut above, mut last) = (0, true, None);
+/// UTF-16 behind its mark.
+fn of_pairs(bytes: &[u8], unit: fn([u8; 2]) -> u16) -> String {
+    let units: Vec<u16> = bytes.as_chunks().0.iter().skip(1).map(|pair| unit(*pair)).collect();
+    String::from_utf16_lossy(&units)
+}
+
+/// Makes comment lines spaces; gives the first of them.
+fn blank_comments(text: &mut String) -> Result<Vec<(usize, String)>, Problem> {
+    let mut bytes = std::mem::take(text).into_bytes();
+    let (mut start, mut line, mut comments) = (0, 1, Vec::new());
     while start < bytes.len() {
         let end = bytes[start..].iter().position(|b| matches!(b, b'\n' | b'\r')).map_or(bytes.len(), |n| start + n);
         if end - start > LONGEST_LINE {
-            return Err(Fault::LongLine(LONGEST_LINE).at(line_of(bytes, start)));
+            return Err(Fault::LongLine(LONGEST_LINE).at(line));
         }
-        let line = &mut bytes[start..end];
-        let sign = line.iter().position(|b| !b.is_ascii_whitespace());
-        if let Some(sign) = sign {
-            if is_comment(&line[sign..]) {
-                if above {
-                    let mut content = line.to_vec();
-                    content[sign] = b' ';
-                    last = Some((start..end, content));
-                }
-                line.fill(b' ');
-            } else {
-                above = false;
+        let content = &mut bytes[start..end];
+        let sign = content.iter().position(|b| !b.is_ascii_whitespace());
+        if let Some(sign) = sign.filter(|sign| is_comment(&content[*sign..])) {
+            if comments.len() < COMMENTS {
+                let behind =
+                    content[sign..].iter().position(|b| !matches!(b, b'#' | b'%')).map_or(end - start, |n| sign + n);
+                comments.push((line, String::from_utf8_lossy(&content[behind..]).into_owned()));
             }
+            content.fill(b' ');
         }
-        start = end + 1;
+        let both = bytes.get(end) == Some(&b'\r') && bytes.get(end + 1) == Some(&b'\n');
+        start = end + if both { 2 } else { 1 };
+        line += 1;
     }
-    Ok(last)
+    // lines that were blanked are whole characters
+    *text = String::from_utf8(bytes).map_err(|_| Fault::NotText.anywhere())?;
+    Ok(comments)
 }
 
 /// `#N/A` at the beginning of a row is a cell.
@@ -133,46 +162,11 @@ fn is_comment(line: &[u8]) -> bool {
     }
 }
 
-/// Line number and text of the first line that is not blank.
-fn first_row(text: &str) -> (usize, &str) {
-    let start = text.len() - text.trim_start().len();
-    let end = text[start..].find(['\n', '\r']).map_or(text.len(), |n| start + n);
-    (line_of(text.as_bytes(), start), &text[start..end])
-}
-
 /// Line, from 1, of a byte offset; `\n`, `\r\n` and `\r` end a line.
 pub(crate) fn line_of(bytes: &[u8], offset: usize) -> usize {
     let before = &bytes[..offset.min(bytes.len())];
     let ends = before.iter().enumerate();
     1 + ends.filter(|(i, b)| **b == b'\n' || (**b == b'\r' && bytes.get(i + 1) != Some(&b'\n'))).count()
-}
-
-/// The cells of a line whatever stands between them.
-fn words(line: &str) -> impl Iterator<Item = &str> {
-    line.split([',', ';', '\t', ' ', '|']).map(str::trim).filter(|w| !w.is_empty())
-}
-
-/// As many cells as the row under some reading, none of them a number.
-fn is_header_of(comment: &str, row: &str) -> bool {
-    let count = |line: &str, sign: char| line.trim().split(sign).filter(|w| !w.trim().is_empty()).count();
-    let (spaced, row_spaced) = (super::table::collapse(comment), super::table::collapse(row));
-    let same = [';', '\t', ',', '|'].into_iter().any(|s| count(comment, s) > 1 && count(comment, s) == count(row, s))
-        || count(&spaced, '\t') == count(&row_spaced, '\t');
-    same && !words(comment).any(is_number)
-}
-
-fn no_header(line: usize, first: &str) -> Problem {
-    let found: Vec<_> = words(first).take(3).map(super::error::excerpt).collect();
-    Fault::NoHeader(found.join(", ")).at(line).hint("write the names of the columns into a line above the numbers")
-}
-
-fn not_text(bytes: &[u8], valid: usize) -> Problem {
-    let hint = match bytes {
-        [0xff, 0xfe, ..] | [0xfe, 0xff, ..] => "it looks like UTF-16; save it as UTF-8",
-        _ if bytes.contains(&0) => "it looks like a binary file; export the record as CSV",
-        _ => "it looks like Latin-1 or a Windows code page, perhaps for a degree sign; save it as UTF-8",
-    };
-    Fault::NotText.at(line_of(bytes, valid)).hint(hint)
 }
 
 /// What a cell holds.
@@ -184,6 +178,8 @@ pub(crate) enum Cell {
     Number(f64, Option<Mark>),
     /// Infinite, or larger than double precision holds.
     Infinite,
+    /// Below the limit that an instrument can tell: `<0.5`, `BLQ`.
+    Below,
     /// Not zero, but nearer to it than double precision holds.
     Vanishing,
     /// Anything else.
@@ -192,10 +188,12 @@ pub(crate) enum Cell {
 
 /// Words that instruments and programs write where nothing was measured, in any case; an empty cell as well, and
 /// every NaN with or without sign.
-const GAPS: [&str; 15] = [
-    "na", "n/a", "#n/a", "null", "none", "missing", "-", "--", "?", "nan(ind)", "1.#qnan", "1.#ind", "1.#snan", "#nan",
-    "",
+const GAPS: [&str; 17] = [
+    ".", "n.a.", "na", "n/a", "#n/a", "null", "none", "missing", "-", "--", "?", "nan(ind)", "1.#qnan", "1.#ind",
+    "1.#snan", "#nan", "",
 ];
+/// Words that laboratories write where an amount was below what they can tell, in any case; so are numbers behind `<`.
+const BELOW: [&str; 10] = ["blq", "bql", "bloq", "blod", "bdl", "nd", "n.d.", "<lod", "<loq", "<lloq"];
 const INFINITE: [&str; 4] = ["inf", "infinity", "1.#inf", "∞"];
 /// Longest text that is looked at twice; no number is written with more characters.
 const LONGEST: usize = 1100;
@@ -222,6 +220,10 @@ fn scan_unusual(text: &str) -> Cell {
     }
     if INFINITE.contains(&unsigned) {
         return Cell::Infinite;
+    }
+    let limit = lower.strip_prefix('<').is_some_and(|rest| matches!(scan(rest), Cell::Number(..)));
+    if limit || BELOW.contains(&lower.as_str()) {
+        return Cell::Below;
     }
     let mark = if lower.contains(',') { Some(Mark::Comma) } else { lower.contains('.').then_some(Mark::Point) };
     if mark == Some(Mark::Comma) && !is_decimal_comma(&lower) {
@@ -271,34 +273,23 @@ pub(crate) fn may_be_thousands(cell: &str) -> bool {
 mod tests {
     use super::*;
 
-    fn text(bytes: &[u8]) -> String {
-        decode(bytes.to_vec()).unwrap()
-    }
-
     #[test]
     fn marks_and_comments_are_blank_and_lines_keep_their_numbers() {
-        let decoded = text(b"\xef\xbb\xbf# by \xb0 logger\r\n\r\n % more\r\nt,x\r\n#N/A,1\r\n");
-        assert_eq!(decoded.trim_start(), "t,x\r\n#N/A,1\r\n");
-        assert_eq!(line_of(decoded.as_bytes(), decoded.find('t').unwrap()), 4);
+        let decoded = decode(b"\xef\xbb\xbf# by a logger\r\n\r\n % more\r\nt,x\r\n#N/A,1\r\n".to_vec()).unwrap();
+        assert_eq!(decoded.text.trim_start(), "t,x\r\n#N/A,1\r\n");
+        assert_eq!(decoded.comments, [(1, " by a logger".to_string()), (3, " more".to_string())]);
+        assert_eq!(line_of(decoded.text.as_bytes(), decoded.text.find('t').unwrap()), 4);
         assert_eq!([2, 5, 99].map(|offset| line_of(b"a\rb\r\nc\nd", offset)), [2, 3, 4]);
     }
 
     #[test]
-    fn a_comment_above_the_numbers_may_be_the_header() {
-        assert_eq!(text(b"# made by\n# t x\n0 1\n").trim(), "t x\n0 1");
-        assert_eq!(text(b"% t [s], phi [deg]\n0, 1\n").trim(), "t [s], phi [deg]\n0, 1");
-        for bytes in [&b"0,1\n1,2\n"[..], b"# made on Monday by hand\n0 1\n", b"# t,x\n# 2 kn\n0,1\n"] {
-            let problem = decode(bytes.to_vec()).unwrap_err();
-            assert!(matches!(*problem.fault, Fault::NoHeader(_)), "{problem}");
-        }
-        assert_eq!(decode(b"\n\n1;2\n".to_vec()).unwrap_err().line, Some(3));
-    }
-
-    #[test]
-    fn what_is_not_text_is_refused_with_its_line() {
-        let problem = decode(b"t,x\n0,1\n0,\xb0\n".to_vec()).unwrap_err();
+    fn other_encodings_are_read_and_told() {
+        let read = |bytes: &[u8]| decode(bytes.to_vec()).map(|d| (d.text, d.encoding));
+        assert_eq!(read(b"t,\xb0C\n0,1\n").unwrap(), ("t,°C\n0,1\n".to_string(), Some("Latin-1")));
+        let wide: Vec<u8> = [0xff, 0xfe].into_iter().chain("t,x\n".bytes().flat_map(|b| [b, 0])).collect();
+        assert_eq!(read(&wide).unwrap(), ("t,x\n".to_string(), Some("UTF-16")));
+        let problem = decode(b"t,x\n0,1\n0,\xb0\x00\n".to_vec()).unwrap_err();
         assert_eq!((problem.line, *problem.fault), (Some(3), Fault::NotText));
-        assert!(decode(vec![0xff, 0xfe, b't', 0]).unwrap_err().hint.unwrap().contains("UTF-16"));
         assert_eq!(decode(b" \n\r\n# only\n".to_vec()).unwrap_err().fault.as_ref(), &Fault::Empty);
         assert_eq!(decode(Vec::new()).unwrap_err().fault.as_ref(), &Fault::Empty);
     }
@@ -320,9 +311,23 @@ mod tests {
         for (text, value) in [("1,5", 1.5), ("-,5", -0.5), ("1,5e-3", 0.0015), ("1,234", 1.234)] {
             assert_eq!(number(text), (value, Some(Mark::Comma)), "{text}");
         }
-        for text in
-            ["", "  ", "NaN", "nan", "-NaN", "-nan(ind)", "NA", "n/a", "#N/A", "null", "-", "--", "1.#QNAN", "\"\""]
-        {
+        for text in [
+            "",
+            "  ",
+            "NaN",
+            "nan",
+            "-NaN",
+            "-nan(ind)",
+            "NA",
+            "n/a",
+            "#N/A",
+            "null",
+            "-",
+            "--",
+            "1.#QNAN",
+            "\"\"",
+            ".",
+        ] {
             assert_eq!(scan(text), Cell::Gap, "{text}");
         }
         for text in ["inf", "-Inf", "Infinity", "1e999", "-1.#INF", "1,5e999"] {

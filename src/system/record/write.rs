@@ -1,7 +1,7 @@
 //! Columns of numbers to a file that [`super::read()`] reads back to the same bits.
 
 use super::error::{Fault, RecordError};
-use super::table::{Delimiter, Dialect, Mark};
+use super::grid::{Delimiter, Dialect, Mark};
 use super::text;
 use std::io::{self, Write};
 use std::path::Path;
