@@ -155,27 +155,7 @@ impl RunBins {
             }
         }
     }
-    /// A column in bins as a signal (N by q) again, each bin times the root of its band's weight (outputs by bands): noise of that spectrum becomes white.
-    /// What was not measured is 0.
-    pub(crate) fn whitened(&self, column: &[f64], weights: &[f64], samples: usize) -> Signals {
-        let mut bins = column.to_vec();
-        for Segment { place, begin, end } in &self.segments {
-            bins[*begin..*end].iter_mut().for_each(|v| *v *= weights[*place].sqrt());
-        }
-        let mut signal = vec![0.0; samples * self.outputs];
-        for OutputBins { output, samples, transform, offset, .. } in &self.places {
-            let own = &mut bins[*offset..][..samples.len()];
-            if let Some(transform) = transform {
-                // half of what the first bin gets is the transform's own
-                own[0] *= std::f64::consts::SQRT_2;
-                transform.clone().backward(own);
-                let scale = (2.0 / samples.len() as f64).sqrt();
-                own.iter_mut().for_each(|v| *v *= scale);
-            }
-            own.iter().zip(samples).for_each(|(v, k)| signal[k * self.outputs + output] = *v);
-        }
-        signal
-    }
+
     /// Bins as samples of unit deviation under these weights (1/S of every output and band): each output with the samples they belong to; nothing in the
     /// frequency domain.
     pub(crate) fn whitened(&self, bins: &[f64], weights: &[f64]) -> Vec<(usize, Vec<usize>, Vec<f64>)> {

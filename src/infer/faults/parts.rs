@@ -84,7 +84,12 @@ impl Ground<'_> {
                 for (share, column) in shares {
                     left.iter_mut().zip(column).for_each(|(l, v)| *l -= share * v);
                 }
-                run.whitened(&left, &evidence.weights, self.samples(r))
+                let outputs = self.outputs();
+                let mut signal = vec![0.0; self.samples(r) * outputs];
+                for (output, samples, white) in run.whitened(&left, &evidence.weights) {
+                    samples.iter().zip(white).for_each(|(k, v)| signal[k * outputs + output] = v);
+                }
+                signal
             };
             let fault = left(&others[r], &explained.own[r], &explained.mean);
             let residual = left(&columns[r], &evidence.own[r], &evidence.mean);
