@@ -12,7 +12,7 @@ const CHANCE: f64 = 1e-4;
 
 /// Lines in the upper half of the frequencies that the record shows, in channels that no input drives there: vibration above the Nyquist
 /// frequency looks so, and is lost among slower motion when it is folded further.
-pub(crate) fn examine(record: &Record, found: &[Finding]) -> Vec<Finding> {
+pub fn examine(record: &Record, found: &[Finding]) -> Vec<Finding> {
     const FEWEST: usize = 128;
     let n = record.time.len();
     if !record.clocked || n < FEWEST {

@@ -1,15 +1,12 @@
 //! A record by itself: every channel, the time, rows, and rates beside angles.
 
 use crate::aliasing;
-use crate::beside::BesideOptions;
+use crate::by_kinematics::{self, Witness};
+use crate::edit::Channels;
 use crate::finding::{Finding, Severity, in_order};
-use crate::hypothesis::Channels;
 use crate::kinematics::Kinematics;
-use crate::likelihood::{Begin, Evidence};
 use crate::record::Record;
-use crate::search::{Search, faults};
 use crate::{runs_of_values, time, values};
-use fdm_estimate::Work;
 use fdm_numeric::parallel;
 
 /// How sure a finding has to be.
@@ -60,7 +57,7 @@ pub fn examine_alone(record: &Record, options: &AloneOptions) -> Vec<Finding> {
     findings
 }
 
-/// Signs, units, axes, delays, zeros and the unit of time as kinematics tells them, where no model does. As likely as beside a model.
+/// Signs, units, axes, delays, zeros and the unit of time as kinematics tells them, where no model does.
 fn beside_kinematics(record: &Record, found: &[Finding]) -> Vec<Finding> {
     let mut record = record.clone();
     for channel in &mut record.channels {
@@ -72,13 +69,9 @@ fn beside_kinematics(record: &Record, found: &[Finding]) -> Vec<Finding> {
     if kinematics.is_empty() {
         return Vec::new();
     }
-    let (work, pace) = (&Work::default(), None);
-    let evidence = Evidence { model: None, runs: &[], records, channels: &channels, kinematics, pace, work };
-    let Some(start) = evidence.trial(Begin::TEXT, &[], 0) else { return Vec::new() };
-    let options = BesideOptions::default();
-    let found = faults(&Search { evidence: &evidence, timed: true, options: &options }, start);
-    let remarks = evidence.kinematics.remarks(records, &channels, &found.edits);
-    found.findings.into_iter().chain(remarks).collect()
+    let (found, edits) = by_kinematics::faults(&Witness { kinematics: &kinematics, records, channels: &channels });
+    let remarks = kinematics.remarks(records, &channels, &edits);
+    found.into_iter().chain(remarks).collect()
 }
 
 /// The first lines of what is found, for a command that does something else: at most three, the last of which counts the rest. Remarks are

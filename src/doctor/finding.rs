@@ -44,6 +44,10 @@ pub enum Fault {
     Delay,
     /// A delay that grows with time.
     Drift,
+    /// An input that keeps its value between samples, or goes in straight lines, where the other was assumed.
+    Hold,
+    /// A state that does not begin where the model says.
+    Beginning,
     /// A constant that is added.
     Offset,
     /// A constant that is added from some time on.
@@ -88,6 +92,8 @@ impl Fault {
             Self::Axes => "axes",
             Self::Delay => "delay",
             Self::Drift => "clock drift",
+            Self::Hold => "hold of the input",
+            Self::Beginning => "initial value",
             Self::Offset => "offset",
             Self::ZeroShift => "shift of zero",
             Self::Scale => "scale factor",
@@ -162,12 +168,12 @@ pub struct Finding {
     pub repair: Option<Repair>,
     /// The samples of the channel that are not to be believed.
     #[serde(skip)]
-    pub(crate) samples: Vec<usize>,
+    pub samples: Vec<usize>,
 }
 
 impl Finding {
     /// A finding about one channel, with the odds of a family-wise p value.
-    pub(crate) fn by_chance(run: &str, channel: &str, fault: Fault, p: f64, what: String) -> Self {
+    pub fn by_chance(run: &str, channel: &str, fault: Fault, p: f64, what: String) -> Self {
         Self {
             run: run.into(),
             channels: vec![channel.into()],
@@ -191,17 +197,23 @@ impl Finding {
         self
     }
 
-    pub(crate) fn at(mut self, from: f64, to: f64, samples: usize) -> Self {
+    /// At these times.
+    #[must_use]
+    pub fn at(mut self, from: f64, to: f64, samples: usize) -> Self {
         self.place = Some(Place { from, to, samples });
         self
     }
 
-    pub(crate) fn repaired_by(mut self, repair: Repair) -> Self {
+    /// Mended so.
+    #[must_use]
+    pub fn repaired_by(mut self, repair: Repair) -> Self {
         self.repair = Some(repair);
         self
     }
 
-    pub(crate) fn remark(mut self) -> Self {
+    /// As a remark.
+    #[must_use]
+    pub fn remark(mut self) -> Self {
         self.severity = Severity::Remark;
         self
     }

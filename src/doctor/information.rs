@@ -1,18 +1,18 @@
 //! What a record can tell of its model: parameters that it does not determine, inputs that move together, samples that are too far apart.
 
 use crate::finding::{Fault, Finding};
-use crate::likelihood::Trial;
 use crate::record::{Channel, Record, Role};
 use crate::repair::Repair;
+use fdm_estimate::Estimate;
 use fdm_system::Model;
 use fdm_system::linear::{LinearModel, Modes, Recorded, Values};
 use fdm_system::record::Run;
 
-/// Remarks about the information in records.
-pub(crate) fn of(model: &Model, runs: &[Run], records: &[Record], current: &Trial) -> Vec<Finding> {
+/// Remarks about the information in records; `model` has its estimates as start values.
+pub fn information(model: &Model, runs: &[Run], records: &[Record], estimate: Option<&Estimate>) -> Vec<Finding> {
     let mut remarks = correlated_inputs(runs, records);
-    remarks.extend(slow_sampling(model, runs, current));
-    remarks.extend(not_determined(runs, records, current));
+    remarks.extend(slow_sampling(model, runs));
+    remarks.extend(estimate.and_then(|estimate| not_determined(runs, records, estimate)));
     remarks
 }
 
@@ -59,15 +59,16 @@ fn correlated_inputs(runs: &[Run], records: &[Record]) -> Vec<Finding> {
 
 /// The fastest mode that an input moves and an output shows, beside the usual interval of the samples.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Pace {
+pub struct Pace {
     /// Magnitude of the mode's root, and its imaginary part.
-    pub(crate) magnitude: f64,
+    pub magnitude: f64,
     turning: f64,
-    pub(crate) interval: f64,
+    /// The usual interval.
+    pub interval: f64,
 }
 
 /// At the model's start values; none where it has no such mode, or too many.
-pub(crate) fn pace(model: &Model, runs: &[Run]) -> Option<Pace> {
+pub fn pace(model: &Model, runs: &[Run]) -> Option<Pace> {
     const MOST_STATES: usize = 40;
     let states = model.layout().states;
     let steps = runs.iter().flat_map(|r| r.time.windows(2).map(|w| w[1] - w[0]));
@@ -87,8 +88,8 @@ pub(crate) fn pace(model: &Model, runs: &[Run]) -> Option<Pace> {
 }
 
 /// Samples that are further apart than the fastest mode lasts: beyond half a turn its motion is aliased.
-fn slow_sampling(model: &Model, runs: &[Run], current: &Trial) -> Option<Finding> {
-    let Pace { magnitude, turning, interval } = pace(&current.begun(model), runs)?;
+fn slow_sampling(model: &Model, runs: &[Run]) -> Option<Finding> {
+    let Pace { magnitude, turning, interval } = pace(model, runs)?;
     if magnitude * interval <= 1.0 {
         return None;
     }
@@ -103,8 +104,7 @@ fn slow_sampling(model: &Model, runs: &[Run], current: &Trial) -> Option<Finding
 }
 
 /// What the record does not determine, and the inputs that never change.
-fn not_determined(runs: &[Run], records: &[Record], current: &Trial) -> Option<Finding> {
-    let estimate = current.estimate.as_ref()?;
+fn not_determined(runs: &[Run], records: &[Record], estimate: &Estimate) -> Option<Finding> {
     let directions = &estimate.undetermined;
     let first = directions.first()?;
     let still = |name: &str| {

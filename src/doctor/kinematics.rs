@@ -4,9 +4,9 @@
 //! An equation `y' = f` is compared in its weak form: with windows that vanish at both ends, `-integral of w' y = integral of w f` (Shinbrot
 //! 1957; Preisig and Rippin 1993). Nothing is differentiated, nothing drifts, and windows that overlap by half are nearly independent.
 
+use crate::edit::{Channels, Edit, edited_record, lagged, plain, time_factor};
 use crate::finding::{Fault, Finding};
-use crate::hypothesis::{Channels, Edit, edited_record, lagged, plain, time_factor};
-use crate::likelihood::{independent_samples, variance};
+use crate::independent::{independent_samples, variance};
 use crate::record::{Channel, Record};
 use crate::repair::Repair;
 use std::f64::consts::{PI, TAU};
@@ -175,22 +175,22 @@ enum Equation {
 
 /// What an equation leaves of a record.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Balance {
+pub struct Balance {
     /// Sum of squares of what is left over that of the left side; NaN where there is nothing to compare.
-    pub(crate) unexplained: f64,
+    pub unexplained: f64,
     /// Independent windows.
-    pub(crate) independent: f64,
+    pub independent: f64,
     /// What the gain costs, in nats.
-    pub(crate) cost: f64,
+    pub cost: f64,
     /// The factor by which the right side is multiplied.
-    pub(crate) gain: f64,
+    pub gain: f64,
     /// Between which the factor lies whichever side the noise is on (Frisch 1934), with four standard errors; NaN where it is not known.
-    pub(crate) between: [f64; 2],
+    pub between: [f64; 2],
 }
 
 /// The equations that hold between the channels of records.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Kinematics {
+pub struct Kinematics {
     /// Place of each quantity among the channels, and the factor to radians, metres and seconds.
     places: [Option<(usize, f64)>; QUANTITIES],
     equations: Vec<Equation>,
@@ -204,7 +204,7 @@ const GAIN: f64 = 0.2;
 impl Kinematics {
     /// Of records with the same channels. Channels of angles that state no unit are all in radians or all in degrees, rates likewise: as the
     /// equations hold best.
-    pub(crate) fn of(records: &[Record], channels: &Channels) -> Self {
+    pub fn of(records: &[Record], channels: &Channels) -> Self {
         let Some(first) = records.first().filter(|_| records.iter().all(|r| r.clocked)) else { return Self::default() };
         let mut places = [None; QUANTITIES];
         for (quantity, kind, names) in NAMES {
@@ -233,12 +233,12 @@ impl Kinematics {
     }
 
     /// Whether there is anything to compare.
-    pub(crate) fn is_empty(&self) -> bool {
+    pub fn is_empty(&self) -> bool {
         self.equations.is_empty()
     }
 
     /// Whether a channel (by its place) stands in one of the equations.
-    pub(crate) fn reads(&self, place: usize) -> bool {
+    pub fn reads(&self, place: usize) -> bool {
         let needed = |form: &Form| {
             let read = |q: K| self.places[q as usize].is_some_and(|(k, _)| k == place);
             let aerodynamic = [K::Speed, K::Alpha, K::Beta].iter().any(|q| read(*q));
@@ -346,7 +346,7 @@ impl Kinematics {
     }
 
     /// What each equation leaves of the records as the edits make them.
-    pub(crate) fn balances(&self, records: &[Record], channels: &Channels, edits: &[Edit]) -> Vec<Balance> {
+    pub fn balances(&self, records: &[Record], channels: &Channels, edits: &[Edit]) -> Vec<Balance> {
         let sides = self.sides(records, channels, edits);
         let balance = |(sides, equation): (&Sides, &Equation)| {
             let mut balance = sides.balance();
@@ -381,7 +381,7 @@ impl Kinematics {
 
     /// Remarks about factors between a channel and its derivative that are more than a tenth away from 1: a filter, a factor or the sampling
     /// interval, none of which the equations tell from another.
-    pub(crate) fn remarks(&self, records: &[Record], channels: &Channels, edits: &[Edit]) -> Vec<Finding> {
+    pub fn remarks(&self, records: &[Record], channels: &Channels, edits: &[Edit]) -> Vec<Finding> {
         const LARGE: f64 = 0.1;
         let balances = self.balances(records, channels, edits);
         let off = |b: &Balance| b.between[0] > 1.0 + LARGE || b.between[1] < 1.0 / (1.0 + LARGE);
@@ -419,7 +419,7 @@ impl Kinematics {
     }
 
     /// Without the equations that these columns break: those of a model's own response, whose delays and scale factors are meant.
-    pub(crate) fn held_by(mut self, response: &[Record], measured: &[bool], channels: &Channels) -> Self {
+    pub fn held_by(mut self, response: &[Record], measured: &[bool], channels: &Channels) -> Self {
         const BROKEN: f64 = 0.1;
         let balances = self.balances(response, channels, &[]);
         let whole = |e: &Equation| match *e {

@@ -1,39 +1,38 @@
-//! Faults of a record, judged before it is believed: **in** samples of channels ([`Record`]) and, where there is one, a model with its runs;
-//! **out** [`Finding`]s: channel, place, what, odds, bias of parameters, and the line of a map that repairs it.
+//! Faults of a record, judged before it is believed, and the edits that mend them: **in** samples of channels ([`Record`]); **out** [`Finding`]s:
+//! channel, place, what, odds, bias of parameters, and the line of a map that repairs it.
 //!
 //! **Never** changes a record, reads files or prints. **Start** at [`examine_alone`] (one pass over the samples: `time`, `values`,
-//! `runs_of_values`, `kinematics`) and [`examine_beside`] (hypotheses fitted beside the model and beside kinematics: `hypothesis`, `kinematics`, `likelihood`, `linearised`, `filtered`, `spectrum`, `search`, `beside`).
+//! `runs_of_values`, `kinematics`). `edit` and `catalogue` are what may be wrong with channels; `fdm_infer` weighs it beside a model.
 
 mod aliasing;
 mod alone;
-mod beside;
-mod biases;
-mod far_delays;
-mod filtered;
+mod by_kinematics;
+mod catalogue;
+mod edit;
 mod finding;
-mod first_cause;
 mod given;
-mod hypothesis;
+mod independent;
 mod information;
 mod kinematics;
-mod likelihood;
-mod linearised;
+mod masked;
 mod record;
 mod repair;
 mod repeats;
 mod runs_of_values;
-mod search;
-mod spectrum;
 mod tail;
-#[cfg(test)]
-mod tests;
 mod time;
 mod values;
 
+pub use aliasing::examine as aliased;
 pub use alone::{AloneOptions, examine_alone, leading};
-pub use beside::{BesideOptions, Examination, examine_beside};
+pub use by_kinematics::{Sized, Witness};
+pub use catalogue::{Estimated, Hypothesis, discrete};
+pub use edit::{Channels, Edit, Slot, edited, lag_weights, time_factor};
 pub use finding::{Bias, Fault, Finding, Place, Severity, in_order as sort};
-pub use first_cause::first_cause;
+pub use information::{Pace, information, pace};
+pub use kinematics::{Balance, Kinematics};
+pub use masked::mask;
 pub use record::{Channel, Record, Role};
 pub use repair::{Change, Repair, repaired_map};
 pub use repeats::examine_repeats;
+pub use tail::Tail;

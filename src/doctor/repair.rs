@@ -34,17 +34,20 @@ pub struct Change {
     pub wrap: Option<f64>,
     /// The column that the channel is read from in the place of its own.
     pub from: Option<String>,
+    /// Whether the input keeps its value between samples; none where that stays as it is.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hold: Option<bool>,
 }
 
 impl Default for Change {
     fn default() -> Self {
-        Self { factor: 1.0, offset: 0.0, delay: 0.0, wrap: None, from: None }
+        Self { factor: 1.0, offset: 0.0, delay: 0.0, wrap: None, from: None, hold: None }
     }
 }
 
 impl Repair {
     /// In words alone.
-    pub(crate) fn words(line: &str) -> Self {
+    pub fn words(line: &str) -> Self {
         Self { line: line.into(), channels: BTreeMap::new(), rate: None, time_unit: None }
     }
 
@@ -77,6 +80,7 @@ impl Repair {
             if change.delay != 0.0 {
                 parts.push(format!("delay = {:?}", change.delay));
             }
+            parts.extend(change.hold.map(|held| format!("hold = {held}")));
             parts.extend(change.wrap.map(|w| format!("wrap = {w:?}")));
             format!("[channel.{name}] {}", parts.join(", "))
         });
@@ -115,6 +119,7 @@ pub fn repaired_map<'a>(
             channel.offset = change.factor * channel.offset + change.offset / scale;
             channel.delay += change.delay;
             channel.wrap = change.wrap.or(channel.wrap);
+            channel.hold = change.hold.or(channel.hold);
         }
     }
     map

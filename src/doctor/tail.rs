@@ -3,18 +3,18 @@
 /// An exponential tail above the 75 % quantile. It is fitted by the median of the excesses, so that up to half of them may be faults. Most
 /// signals have lighter tails, for which its probabilities are too large: the safe side.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Tail {
+pub struct Tail {
     /// The 75 % quantile.
-    pub(crate) start: f64,
+    pub start: f64,
     /// Mean excess.
-    pub(crate) scale: f64,
+    pub scale: f64,
     /// Numbers it was made from.
     count: f64,
 }
 
 impl Tail {
     /// Of sizes (not negative); reorders them. None for fewer than twenty.
-    pub(crate) fn new(sizes: &mut [f64]) -> Option<Self> {
+    pub fn new(sizes: &mut [f64]) -> Option<Self> {
         const FEWEST: usize = 20;
         let n = sizes.len();
         if n < FEWEST {
@@ -30,7 +30,7 @@ impl Tail {
     }
 
     /// Probability that the greatest of all numbers is above `size`.
-    pub(crate) fn exceeded(&self, size: f64) -> f64 {
+    pub fn exceeded(&self, size: f64) -> f64 {
         if self.scale <= 0.0 {
             return if size > self.start { 0.0 } else { 1.0 };
         }

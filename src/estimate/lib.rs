@@ -77,7 +77,7 @@ pub use examined::doubted_initials::{DoubtedInitial, DoubtedInitials, MovedParam
 pub use examined::unexplained::Unexplained;
 pub use methods::spectra::{
     BinResponse, Nonlinear, RunSpectrum, SpectralBins, SpectralError, SpectralFit, SpectralOptions, StartingValue,
-    Unanswered, UnobservableMode, fit_spectra,
+    Unanswered, UnobservableMode, fit_spectra, with_initials,
 };
 pub use methods::time_domain::{fit, fit_from, start_search};
 pub use problem::unknowns::UnknownName;

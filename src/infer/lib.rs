@@ -12,6 +12,7 @@ mod bins;
 mod candidates;
 mod diagnosis;
 mod evidence;
+mod faults;
 mod lack_of_fit;
 mod search;
 
@@ -20,5 +21,6 @@ pub use diagnosis::{
     Alternative, Biased, Cause, CorrelatedInput, Diagnosis, EffectAt, Explanation, Feedback, FrequencyDomain,
     FrontModel, FrontOutput, LeftOut, NewValue, OutputGain, Overlay, SearchStep, Tried, UnnamedCause, Verdict,
 };
+pub use faults::{BesideOptions, Examination, Weighed, examine_beside, first_cause};
 pub use lack_of_fit::{AmplitudeBin, Band, Gain, LackOfFit, RunResidual, Window, lack_of_fit};
 pub use search::diagnose;

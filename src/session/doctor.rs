@@ -9,10 +9,8 @@ use crate::records::{Records, read_records, record};
 use crate::session::Session;
 use crate::value::{number, probability};
 use clap::Args;
-use fdm_doctor::{
-    AloneOptions, BesideOptions, Examination, Finding, Record, Severity, examine_alone, examine_beside,
-    examine_repeats, repaired_map,
-};
+use fdm_doctor::{AloneOptions, Finding, Record, Severity, examine_alone, examine_repeats, repaired_map};
+use fdm_infer::{BesideOptions, Examination, examine_beside};
 use fdm_readers::Topic;
 use fdm_report::doctor_text;
 use fdm_report::page::doctor_page;

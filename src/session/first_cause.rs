@@ -1,9 +1,10 @@
 //! What a fit that does not explain an output asks the doctor, and where the answer stands.
 
 use crate::progress::Progress;
-use fdm_doctor::{first_cause, leading};
+use fdm_doctor::leading;
 use fdm_estimate::Unexplained;
 use fdm_estimate::{Estimate, Work};
+use fdm_infer::first_cause;
 use fdm_results::documents::{About, FitDocument};
 use fdm_system::Model;
 use fdm_system::record::Run;

@@ -149,7 +149,7 @@ fn once(options: &DiagnosisOptions) -> FitOptions {
 }
 
 /// A fit to the training runs, with what belongs to each of the validation ones fitted there.
-fn with_validation_runs(
+pub(crate) fn with_validation_runs(
     fitted: &Fit,
     runs: Runs<'_>,
     (how, work): (&FitOptions, &Work<'_>),
@@ -193,7 +193,7 @@ fn with_validation_runs(
 /// and the better of both is taken. A model that lacks something leaves smooth residuals, for which a fit by itself would go through all
 /// its fallback strategies; here they are what is looked for. These come last, where no way ends at a minimum that is a match: the likeliest is then
 /// the first, and minima that are less likely follow.
-fn plainly(model: &Model, runs: &[Run], how: &FitOptions, work: &Work<'_>) -> Result<Vec<Fit>, FitError> {
+pub(crate) fn plainly(model: &Model, runs: &[Run], how: &FitOptions, work: &Work<'_>) -> Result<Vec<Fit>, FitError> {
     if how.continuation != Continuation::Auto {
         return Ok(vec![fit(model, runs, how, &work.quiet())?]);
     }

@@ -117,6 +117,12 @@ impl Binning {
         }
         shaped
     }
+
+    /// Bins of an output over all runs.
+    pub(crate) fn noise_bins(&self, output: usize) -> f64 {
+        let own = self.runs.iter().flat_map(|r| &r.segments).filter(|s| s.place / self.bands == output);
+        own.map(|s| s.end - s.begin).sum::<usize>() as f64
+    }
 }
 
 impl RunBins {
@@ -126,9 +132,16 @@ impl RunBins {
 
     /// A signal (N by q) in bins, output by output; `kept` of which only rows are kept at which something was measured.
     pub(crate) fn of(&self, signal: &[f64], kept: bool) -> Vec<f64> {
-        let q = self.outputs;
         let mut bins = vec![0.0; self.length];
-        for OutputBins { output, samples, places, transform, offset } in &self.places {
+        self.put(signal, kept, &|_| true, &mut bins);
+        bins
+    }
+
+    /// As [`Self::of`], for some outputs alone, in the place of what stands in the bins.
+    pub(crate) fn put(&self, signal: &[f64], kept: bool, wanted: &dyn Fn(usize) -> bool, bins: &mut [f64]) {
+        let q = self.outputs;
+        for OutputBins { output, samples, places, transform, offset } in self.places.iter().filter(|p| wanted(p.output))
+        {
             let own = &mut bins[*offset..][..samples.len()];
             for (value, (k, place)) in own.iter_mut().zip(samples.iter().zip(places)) {
                 let deviation = self.deviations.as_ref().map_or(1.0, |d| d[k * q + output]);
@@ -141,8 +154,8 @@ impl RunBins {
                 own[0] *= FRAC_1_SQRT_2;
             }
         }
-        bins
     }
+
     /// Bins as samples of unit deviation under these weights (1/S of every output and band): each output with the samples they belong to; nothing in the
     /// frequency domain.
     pub(crate) fn whitened(&self, bins: &[f64], weights: &[f64]) -> Vec<(usize, Vec<usize>, Vec<f64>)> {

@@ -13,12 +13,13 @@ const KEPT: f64 = 6.0;
 /// Fewest samples that are left of a run.
 const LEAST: usize = 400;
 
-/// Every how many samples of all runs say all that a model and its derivatives do; 1 where that is not known.
-pub(crate) fn decimation(first: &FittedModel, runs: Runs<'_>) -> usize {
+/// Every how many samples of all runs say all that a model does, and its derivatives by what all runs share and, where it is asked for, by what belongs to
+/// each of them; 1 where that is not known.
+pub(crate) fn decimation(first: &FittedModel, runs: Runs<'_>, of_runs: bool) -> usize {
     let binning = Binning::new(first, runs);
     let params = &first.model.definition().params;
     let free = |own: bool| -> Vec<usize> {
-        (0..params.len()).filter(|k| !params[*k].fixed && params[*k].per_run == own).collect()
+        (0..params.len()).filter(|k| !params[*k].fixed && params[*k].per_run == own && (!own || of_runs)).collect()
     };
     let (shared, own) = (free(false), free(true));
     let mut every = usize::MAX;

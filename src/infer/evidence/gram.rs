@@ -211,6 +211,18 @@ impl Grams {
         Self { shared: shared.len(), runs, ..*self }
     }
 
+    /// Power of an output that is left beside these shares of its columns (shared ones, and each run's own).
+    pub(crate) fn left(&self, output: usize, shared: &[f64], own: &[Vec<f64>]) -> f64 {
+        let of = |(run, own): (&RunGrams, &Vec<f64>)| -> f64 {
+            let v: Vec<f64> = own.iter().map(|m| -m).chain([1.0]).chain(shared.iter().map(|m| -m)).collect();
+            let square = run.width * run.width;
+            let matrices = run.products[output * self.bands * square..][..self.bands * square].chunks_exact(square);
+            let row = |row: &[f64]| row.iter().zip(&v).map(|(a, b)| a * b).sum::<f64>();
+            matrices.map(|m| m.chunks_exact(run.width).zip(&v).map(|(r, v)| v * row(r)).sum::<f64>()).sum()
+        };
+        self.runs.iter().zip(own).map(of).sum()
+    }
+
     /// Powers of the residual in the bands of an output.
     pub(crate) fn residual_powers(&self, output: usize) -> Vec<f64> {
         let of = |band: usize| {

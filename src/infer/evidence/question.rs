@@ -61,6 +61,14 @@ impl Question<'_> {
         self.answer_within(ROUNDS, weights)
     }
 
+    /// Where the unknowns are likeliest under weights that stay. Nothing is asked of the noise: `log` is the volume of the posterior alone.
+    pub(crate) fn step(&self, weights: &[f64]) -> Option<Evidence> {
+        let mut state = Posterior::new(*self, Some(weights));
+        state.solve()?;
+        let volume = state.volume(0.5 * (2.0 * PI).ln());
+        Some(state.ended(volume))
+    }
+
     /// As [`Self::answer`], in so many rounds at most.
     pub(crate) fn answer_within(&self, rounds: usize, weights: Option<&[f64]>) -> Option<Evidence> {
         let mut state = Posterior::new(*self, weights);
@@ -253,14 +261,20 @@ impl<'a> Posterior<'a> {
             self.question.noise[output].given(own, &mut self.scratch, noise);
             log += noise.evidence;
         }
-        let unknowns = q + grams.runs().iter().map(|run| run.own).sum::<usize>();
-        log += 0.5 * unknowns as f64 * (1.0 + (2.0 * PI).ln()) - self.factor.log_root();
-        log -= self.runs.iter().map(|run| run.factor.log_root()).sum::<f64>();
+        log += self.volume(0.5 * (1.0 + (2.0 * PI).ln()));
         for (j, precision) in self.question.precision.iter().enumerate().filter(|(_, p)| **p > 0.0) {
             let square = self.mean[j] * self.mean[j] + self.covariance[j * q + j];
             log += 0.5 * ((precision / (2.0 * PI)).ln() - precision * square);
         }
         log
+    }
+
+    /// Half of the logarithm of the covariance's determinant over all unknowns, and so much for each of them.
+    fn volume(&self, each: f64) -> f64 {
+        let grams = self.question.grams;
+        let unknowns = grams.shared() + grams.runs().iter().map(|run| run.own).sum::<usize>();
+        let roots = self.factor.log_root() + self.runs.iter().map(|run| run.factor.log_root()).sum::<f64>();
+        each * unknowns as f64 - roots
     }
 
     fn ended(self, log: f64) -> Evidence {

@@ -10,4 +10,5 @@ mod sets;
 mod state;
 mod verdict;
 
+pub(crate) use random_effect::log_sum;
 pub use verdict::diagnose;

@@ -62,7 +62,7 @@ pub fn diagnose(
     work.stage("fitting the base model");
     let first = initial_fits(model, runs, options, work)?.into_iter().next();
     let first = first.ok_or_else(|| DiagnosisError::NoFit("it has no end".into()))?;
-    let mut every = decimation(&first, runs);
+    let mut every = decimation(&first, runs, true);
     while every > 1 && !all.iter().all(|run| keeps_inputs(run, every)) {
         every -= (every / 4).max(1);
     }

@@ -1,6 +1,7 @@
 //! What was found in records, and what was assumed about them.
 
-use fdm_doctor::{Examination, Finding, Severity};
+use fdm_doctor::{Finding, Severity};
+use fdm_infer::{Examination, Weighed};
 use fdm_system::record::Assumptions;
 use serde::{Deserialize, Serialize};
 
@@ -37,6 +38,9 @@ pub struct DoctorDocument {
     pub records: Vec<Assumptions>,
     /// Findings and remarks, findings first, the surest first.
     pub findings: Vec<Finding>,
+    /// What was weighed beside the model for the first fault, the likeliest first, no fault among it; empty without a model.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub weighed: Vec<Weighed>,
     /// Fits that were made.
     pub fits: usize,
     /// What could not be looked at, and why.
@@ -46,8 +50,8 @@ pub struct DoctorDocument {
 impl DoctorDocument {
     /// Of records that were judged, beside a model of this name if there is one.
     pub fn of(model: Option<&str>, records: Vec<Assumptions>, found: &Examination) -> Self {
-        let (findings, notes) = (found.findings.clone(), found.notes.clone());
-        Self { model: model.map(String::from), records, findings, fits: found.fits, notes }
+        let (findings, notes, weighed) = (found.findings.clone(), found.notes.clone(), found.weighed.clone());
+        Self { model: model.map(String::from), records, findings, weighed, fits: found.fits, notes }
     }
 
     /// Whether anything but remarks was found.

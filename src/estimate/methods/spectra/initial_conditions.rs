@@ -75,7 +75,7 @@ pub(crate) fn with_offsets(model: &Model, values: &[f64], seen: &[bool]) -> Mode
 }
 
 /// The model with an initial value of each run's own for every state (by index) that is `wanted` and has none; `values` are those of all parameters.
-pub(crate) fn with_initials(model: &Model, values: &[f64], wanted: &dyn Fn(usize) -> bool) -> Model {
+pub fn with_initials(model: &Model, values: &[f64], wanted: &dyn Fn(usize) -> bool) -> Model {
     let mut definition = model.definition().clone();
     free_initials(&mut definition, values, wanted);
     model.altered(definition)

@@ -27,6 +27,7 @@ pub(crate) mod unobservable_modes;
 pub use bins::{BinResponse, SpectralBins};
 pub use error::{SpectralError, Unanswered};
 pub use fit::{RunSpectrum, SpectralFit, fit_spectra};
+pub use initial_conditions::with_initials;
 pub use options::{Nonlinear, SpectralOptions};
 pub use starting_values::StartingValue;
 pub use unobservable_modes::UnobservableMode;
