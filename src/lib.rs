@@ -903,6 +903,7 @@ pub use fdm_infer::DiagnosisOptions;
 /// ```
 /// use fdm::Verdict;
 /// let advice = |verdict| match verdict {
+///     Verdict::RecordFault => "mend the records",
 ///     Verdict::EffectFound => "see the extended text",
 ///     Verdict::Disturbance => "estimate process noise with the filter",
 ///     Verdict::Law => "a function of one signal is missing",

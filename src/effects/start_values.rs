@@ -24,6 +24,28 @@ impl Subject {
         }
         self.with_text(editor.finish())
     }
+
+    /// The text with `free` as the initial value of these states; none where one of them is no state that the text declares by itself, as those of submodels
+    /// and of vectors.
+    pub fn with_free_initials(&self, states: &[&str]) -> Option<Source> {
+        let mut editor = Editor::new(self.source.text(), &self.tree);
+        let mut missing = states.len();
+        for statement in &self.tree.statements {
+            let StatementKind::Declare(Role::State, list) = &statement.kind else { continue };
+            for d in list.iter().filter(|d| d.shape.is_none() && states.contains(&d.name.text.as_str())) {
+                missing -= 1;
+                match d.value {
+                    Some(Value::Expr(e)) => editor.replace(editor.value(d.span, e), "free"),
+                    Some(Value::Free(_)) => (),
+                    None => {
+                        let end = d.name.span.range().end;
+                        editor.replace(end..end, " = free");
+                    }
+                }
+            }
+        }
+        (missing == 0).then(|| self.with_text(editor.finish()))
+    }
 }
 
 /// A number as a person writes it, read back as the same.
@@ -49,5 +71,17 @@ mod tests {
         assert_eq!(new.text(), wanted);
         let model = compile(&new).unwrap().model;
         assert_eq!(model.params[model.param("b").unwrap()].value, -1.25e-9);
+    }
+
+    #[test]
+    fn an_initial_value_is_freed_and_nothing_else_changes() {
+        let text = "model a { input u; state x = (1.5) /* m */ \"way\", v \"speed\"; param k = 1; // one\n\
+            der(x) = v; der(v) = u - k*x; output y = x; }";
+        let source = Source::new("a.fdm", text);
+        let subject = Subject::new(&source, &compile(&source).unwrap().model).unwrap();
+        let new = subject.with_free_initials(&["x", "v"]).unwrap();
+        assert_eq!(new.text(), text.replace("= (1.5)", "= free").replace(", v ", ", v = free "));
+        assert_eq!(compile(&new).unwrap().model.params.len(), 3);
+        assert!(subject.with_free_initials(&["x", "z"]).is_none());
     }
 }

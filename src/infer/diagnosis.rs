@@ -4,12 +4,15 @@
 
 use crate::candidates::Place;
 use crate::lack_of_fit::LackOfFit;
+use fdm_doctor::Finding;
 use serde::{Deserialize, Serialize};
 
 /// What was found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Deserialize, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
+    /// The records have a fault, or begin where the model does not; the model lacks nothing else.
+    RecordFault,
     /// Effects of the catalogue explain it.
     EffectFound,
     /// A disturbance with a course of its own in every run enters an equation: gusts, waves.
@@ -310,11 +313,39 @@ pub struct CorrelatedInput {
     pub feedback: bool,
 }
 
+/// What records came to whose faults are mended: all else in a diagnosis is about them.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct MendedRecords {
+    /// The faults, each with its repair.
+    pub faults: Vec<Finding>,
+    /// Evidence of them, with what is told beside them, over that of records as they are.
+    pub evidence: f64,
+    /// The probability that the records are to be mended, among all explanations.
+    pub probability: f64,
+    /// Root mean square of the residual of each output beside the model as it was given: of records as they are, and mended.
+    pub outputs: Vec<MendedOutput>,
+}
+
+/// What the mending of records changes at an output, all runs together.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct MendedOutput {
+    /// The output.
+    pub output: String,
+    /// Its unit.
+    pub unit: Option<String>,
+    /// Root mean square of the residual of records as they are.
+    pub before: Option<f64>,
+    /// That of mended ones.
+    pub after: Option<f64>,
+}
+
 /// What a diagnosis came to.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Diagnosis {
     /// In one word.
     pub verdict: Verdict,
+    /// Faults of the records that were mended before all else was asked; none where records as they are are likelier.
+    pub mended: Option<MendedRecords>,
     /// Every kind of explanation, the likeliest first.
     pub explanations: Vec<Explanation>,
     /// The dearest first; empty where the verdict is no effect.

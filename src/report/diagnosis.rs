@@ -9,6 +9,7 @@ use crate::page::number::{bracketed, unit_of_frequency};
 use crate::page::subject::Subject;
 use crate::page::thinning::Kept;
 use crate::text;
+use fdm_doctor::Finding;
 use fdm_infer::{Biased, Cause, EffectAt, FrontModel, LackOfFit, OutputGain, PlaceKind, UnnamedCause, Verdict};
 use fdm_results::documents::{DiagnosisDocument, digits, fixed, with_run};
 use maud::{Markup, html};
@@ -34,6 +35,7 @@ pub fn diagnosis_text(found: &DiagnosisDocument) -> String {
     let stopped = is_cut_short(found).then(|| "The search was stopped before its end.".into());
     let head = unexplained(found).chain([verdict(found).sentence]).chain(stopped).map(|said| format!("{said}\n"));
     let all = [
+        mended(found),
         Some(causes(found)),
         Some(wrong(found, "")),
         front(found),
@@ -52,6 +54,7 @@ pub(crate) fn sections(subject: &Subject, found: &DiagnosisDocument) -> Vec<Sect
         Part::Folded { summary, open: k < 2, class: "run", parts: figures }
     });
     let all = [
+        mended(found),
         Some(causes(found)).filter(|s| !s.parts.is_empty()),
         Some(wrong(found, &subject.time())).filter(|s| !s.parts.is_empty()),
         front(found),
@@ -67,6 +70,7 @@ pub(crate) fn sections(subject: &Subject, found: &DiagnosisDocument) -> Vec<Sect
 /// In one sentence, and the sentences that stand below it, each with the section that shows it.
 pub(crate) fn verdict(found: &DiagnosisDocument) -> Judged {
     let said = match (found.verdict, found.stopped) {
+        (Verdict::RecordFault, _) => "The records are to be mended, and the model lacks nothing else",
         (Verdict::EffectFound, _) => "Something is missing from the model",
         (Verdict::Disturbance, _) => "A disturbance (process noise) acts on the model",
         (Verdict::Law, _) => "A function of one signal is missing that no effect of the catalogue is",
@@ -79,12 +83,17 @@ pub(crate) fn verdict(found: &DiagnosisDocument) -> Judged {
         format!("Cause {}: {} (probability {}, {:.1} nats)", k + 1, c.doc, probability(c.probability), c.loss)
     });
     let stopped = is_cut_short(found).then(|| "The search was stopped before its end".into());
+    let faults = found.mended.iter().flat_map(|mended| {
+        let more = if found.verdict == Verdict::RecordFault { "" } else { "; all else is about records so mended" };
+        mended.faults.iter().map(move |f| format!("{}{more}", fault(f)))
+    });
     let probable = found.explanations.first().map_or(f64::NAN, |e| e.probability);
     Judged::new(
         if is_clean { Trust::Good } else { Trust::Reserved },
         format!("{said} (probability {}).", probability(probable)),
     )
     .with_points(unexplained(found), "gain")
+    .with_points(faults, "mended")
     .with_points(stopped, "causes")
     .with_points(causes, "causes")
     .with_points(places(found), "wrong")
@@ -144,6 +153,7 @@ fn wrong(found: &DiagnosisDocument, time: &str) -> Section {
 fn explained(verdict: Verdict) -> &'static str {
     match verdict {
         Verdict::NoEffectFound => "nothing beside noise",
+        Verdict::RecordFault => "a fault of the records, or where they begin",
         Verdict::EffectFound => "effects of the catalogue",
         Verdict::Disturbance => "a disturbance in an equation",
         Verdict::Law => "a function of one signal in an equation",
@@ -157,7 +167,7 @@ fn places(found: &DiagnosisDocument) -> Vec<String> {
         Verdict::Disturbance => u.signal.is_none() && u.place.kind == PlaceKind::Equation,
         Verdict::Law => u.signal.is_some(),
         Verdict::UnknownCause => u.place.kind == PlaceKind::Output,
-        Verdict::EffectFound | Verdict::NoEffectFound => false,
+        Verdict::EffectFound | Verdict::RecordFault | Verdict::NoEffectFound => false,
     };
     let own: Vec<&UnnamedCause> = found.unnamed.iter().filter(is_it).collect();
     let best = own.first().map_or(0.0, |u| u.evidence);
@@ -217,6 +227,31 @@ fn amplitudes(k: usize, m: &LackOfFit) -> Option<Figure> {
     figure.panels[0].label = format!("RMS{}", bracketed(m.unit.as_deref()));
     figure.panels[0].marks[0].name = "RMS of the error".into();
     Some(figure)
+}
+
+/// A fault of the records in a sentence.
+fn fault(found: &Finding) -> String {
+    format!("`{}`: {}: {}", found.channels.join("`, `"), found.fault, found.what)
+}
+
+/// Faults of the records with their repairs, and what mending them changes.
+fn mended(found: &DiagnosisDocument) -> Option<Section> {
+    let mended = found.mended.as_ref()?;
+    let faults = mended.faults.iter().flat_map(|f| {
+        let repair = f.repair.iter().map(|repair| format!("repair: {}", repair.line));
+        [Part::Line(fault(f)), Part::List(repair.collect())]
+    });
+    let number = |v: Option<f64>| v.map_or("-".to_string(), |v| digits(v, 3));
+    let mut table = Rows::over(&mended.outputs);
+    table.name("output", |o| format!("{}{}", o.output, bracketed(o.unit.as_deref())));
+    table.number("RMS as recorded", |o| number(o.before));
+    table.number("RMS mended", |o| number(o.after));
+    let note = format!(
+        "With probability {} the records are to be mended ({:.1} nats). RMS of the model as it was given, fitted to the records.",
+        probability(mended.probability),
+        mended.evidence
+    );
+    Some(Section::new("mended", "Mend the records").explained(&note).with_all(faults).with(table))
 }
 
 /// Each cause with its parameters, what it gains, and its alternatives.

@@ -179,6 +179,18 @@ fn a_record_that_begins_under_way_is_the_first_remark() {
 }
 
 #[test]
+fn a_diagnosis_frees_what_the_record_contradicts_before_it_asks_what_the_model_lacks() {
+    let desk = Desk::with([("m.fdm", BOAT.replace("START", "0"))]);
+    desk.write("r.csv", boat(1.7, 3));
+    let (found, _) = json(&desk, "diagnose m.fdm --data r.csv --write more.fdm --json");
+    let fault = &found["mended"]["faults"][0];
+    assert_eq!((&found["verdict"], &fault["fault"]), (&"record_fault".into(), &"beginning".into()), "{found}");
+    assert!(fault["what"].as_str().unwrap().contains("begins at 1.7") && found["causes"][0].is_null(), "{fault}");
+    let text = std::fs::read_to_string(desk.path("more.fdm")).unwrap();
+    assert_eq!(text, BOAT.replace("START", "free"));
+}
+
+#[test]
 fn right_initial_values_are_not_doubted() {
     let desk = Desk::with([("m.fdm", BOAT.replace("START", "1.7"))]);
     for seed in 10..18 {

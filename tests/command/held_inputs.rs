@@ -94,6 +94,23 @@ fn a_hold_that_nobody_stated_is_the_first_remark_with_its_repair() {
 }
 
 #[test]
+fn a_diagnosis_mends_a_hold_before_it_asks_what_the_model_lacks() {
+    let desk = desk();
+    let diagnosed = |record: &str| -> serde_json::Value {
+        serde_json::from_str(&printed(&desk.fdm(&format!("diagnose lag.fdm --data {record} --json")))).unwrap()
+    };
+    let held = diagnosed("held.csv");
+    let fault = &held["mended"]["faults"][0];
+    assert_eq!((&held["verdict"], &fault["fault"]), (&"record_fault".into(), &"hold".into()), "{held}");
+    assert!(fault["repair"]["line"].as_str().unwrap().contains("hold = true"), "{fault}");
+    assert!(held["mended"]["probability"].as_f64().unwrap() > 0.99 && held["causes"].as_array().unwrap().is_empty());
+    let output = &held["mended"]["outputs"][0];
+    assert!(output["after"].as_f64().unwrap() < 0.025 && output["before"].as_f64().unwrap() > 0.03, "{output}");
+    let straight = diagnosed("straight.csv");
+    assert!(straight["mended"].is_null() && straight["verdict"] == "no_effect_found", "{straight}");
+}
+
+#[test]
 fn straight_lines_are_not_doubted() {
     let desk = desk();
     let (table, said) = fitted(&desk, "lag.fdm --data straight.csv --verbose");

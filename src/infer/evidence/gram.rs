@@ -59,6 +59,11 @@ impl RunGrams {
         self.products.chunks_exact(triangle(self.width))
     }
 
+    /// Power of a column in every output and band.
+    pub(crate) fn powers_of(&self, column: usize) -> impl Iterator<Item = f64> {
+        self.triangles().map(move |products| products[triangle(column) + column])
+    }
+
     /// The sum of the matrices with these weights (width x width).
     pub(crate) fn weighted(&self, weights: &[f64], matrix: &mut Vec<f64>) {
         let width = self.width;
@@ -215,22 +220,20 @@ impl Grams {
     pub(crate) fn left(&self, output: usize, shared: &[f64], own: &[Vec<f64>]) -> f64 {
         let of = |(run, own): (&RunGrams, &Vec<f64>)| -> f64 {
             let v: Vec<f64> = own.iter().map(|m| -m).chain([1.0]).chain(shared.iter().map(|m| -m)).collect();
-            let square = run.width * run.width;
-            let matrices = run.products[output * self.bands * square..][..self.bands * square].chunks_exact(square);
-            let row = |row: &[f64]| row.iter().zip(&v).map(|(a, b)| a * b).sum::<f64>();
-            matrices.map(|m| m.chunks_exact(run.width).zip(&v).map(|(r, v)| v * row(r)).sum::<f64>()).sum()
+            let matrices = run.triangles().skip(output * self.bands).take(self.bands);
+            let row = |m: &[f64], i: usize| -> f64 {
+                let products = m[triangle(i)..].iter().zip(&v[..=i]).map(|(a, b)| a * b).sum::<f64>();
+                v[i] * (2.0 * products - m[triangle(i) + i] * v[i])
+            };
+            matrices.map(|m| (0..run.width).map(|i| row(m, i)).sum::<f64>()).sum()
         };
         self.runs.iter().zip(own).map(of).sum()
     }
 
     /// Powers of the residual in the bands of an output.
     pub(crate) fn residual_powers(&self, output: usize) -> Vec<f64> {
-        let of = |band: usize| {
-            let power = |run: &RunGrams| {
-                run.products[(output * self.bands + band) * triangle(run.width) + triangle(run.own) + run.own]
-            };
-            self.runs.iter().map(power).sum()
-        };
+        let power = |run: &RunGrams, band: usize| run.powers_of(run.own).nth(output * self.bands + band).unwrap_or(0.0);
+        let of = |band: usize| self.runs.iter().map(|run| power(run, band)).sum();
         (0..self.bands).map(of).collect()
     }
 }

@@ -22,12 +22,13 @@ use crate::candidates::runs::{Domain, Runs, keeps_inputs};
 use crate::evidence::decimation::decimation;
 use fdm_doctor::{
     AloneOptions, Channels, Finding, Kinematics, Record, Role, Severity, Slot, Witness, aliased, examine_alone,
-    information, mask, pace, sort,
+    edited, information, mask, pace, sort,
 };
 use fdm_estimate::{Estimate, FitOptions, Termination, Work};
 use fdm_system::Model;
 use fdm_system::record::{Run, channels};
-use ground::{Ground, Point, doubted};
+use crate::search::log_sum;
+use ground::{Ground, Planted, Point, doubted};
 use search::{FASTEST, Search};
 use serde::{Deserialize, Serialize};
 
@@ -57,6 +58,15 @@ pub struct Weighed {
     pub evidence: f64,
     /// Its probability.
     pub probability: f64,
+}
+
+/// What stands for no fault among what was weighed.
+const NO_FAULT: &str = "no fault of the record";
+
+impl Weighed {
+    fn is_none(&self) -> bool {
+        self.what == NO_FAULT
+    }
 }
 
 /// What was found beside a model.
@@ -111,7 +121,7 @@ pub fn examine_beside(
     match base.as_ref().filter(|_| !lost && work.goes_on()) {
         Some(base) => {
             let timed = channels(model.definition()).timed;
-            match beside((model, base), (&masked, &witness), options, (timed, tempo), work) {
+            match beside(&base.fitted, (&masked, &witness), options, (timed, tempo), work) {
                 Some(found) => {
                     done.fits += found.fits;
                     done.findings.extend(found.findings);
@@ -173,34 +183,39 @@ struct Found {
     /// With the estimates of the mended records as start values.
     model: Model,
     fits: usize,
+    /// States that begin where the records have it.
+    begun: Vec<String>,
+    /// Evidence of the findings beside records as they are.
+    evidence: f64,
 }
 
 fn beside(
-    (model, base): (&Model, &Base),
+    base: &FittedModel,
     (runs, witness): (&[Run], &Witness<'_>),
     options: &BesideOptions,
     (timed, pace): (bool, Option<f64>),
     work: &Work<'_>,
 ) -> Option<Found> {
     let all = Runs { all: runs, train: runs.len(), domain: &Domain::Time };
+    let model = &base.model;
     // samples that are left out of a transient tell less of where a run begins, and nothing else
-    let mut every = decimation(&base.fitted, all, false);
+    let mut every = decimation(base, all, false);
     while every > 1 && !runs.iter().all(|run| keeps_inputs(run, every)) {
         every -= (every / 4).max(1);
     }
     let fewer: Vec<Run> = runs.iter().map(|run| if every > 1 { run.every(every) } else { run.clone() }).collect();
     let own;
     let fitted = match every > 1 {
-        false => &base.fitted,
+        false => base,
         true => {
             let compared = Runs { all: &fewer, ..all };
-            own = FittedModel::new(model.clone(), compared, base.fitted.theta.clone()).ok()?;
+            own = FittedModel::new(model.clone(), compared, base.theta.clone()).ok()?;
             &own
         }
     };
-    let (extended, stated) = doubted(model, &base.fitted.theta[0]);
+    let (extended, stated) = doubted(model, &base.theta[0]);
     let values: Vec<f64> = stated.iter().map(|s| extended.definition().params[s.param].value).collect();
-    let reached = base.fitted.theta.iter().map(|theta| [&theta[..], &values].concat()).collect();
+    let reached = base.theta.iter().map(|theta| [&theta[..], &values].concat()).collect();
     let ground = Ground::new((&extended, stated), (fitted, &fewer, every), (runs, witness), work)?;
     let at = |theta: Vec<Vec<f64>>| ground.refit(Point { theta, faults: Vec::new() }, None);
     let both = [at(reached), at(ground.text.clone())];
@@ -221,7 +236,67 @@ fn beside(
     for (k, param) in params.iter_mut().enumerate().filter(|(_, p)| !p.fixed && !p.per_run) {
         param.value = found.point.theta[0][k].clamp(param.lower, param.upper);
     }
-    Some(Found { findings, weighed, edits: found.point.edits(), model: model.with_params(params), fits: found.fits })
+    let begun = found.point.faults.iter().filter_map(|f| match f {
+        Planted::Beginning(k) => Some(ground.stated[*k].name.clone()),
+        _ => None,
+    });
+    Some(Found {
+        findings,
+        weighed,
+        begun: begun.collect(),
+        evidence: found.accepted.iter().filter_map(|a| a.near.first()).map(|w| w.log).sum(),
+        edits: found.point.edits(),
+        model: model.with_params(params),
+        fits: found.fits,
+    })
+}
+
+/// Records with their faults mended, for a search for what the model lacks.
+pub(crate) struct Mended {
+    pub(crate) findings: Vec<Finding>,
+    /// Evidence of the findings beside records as they are.
+    pub(crate) evidence: f64,
+    /// The text with the initial values free that the records contradict.
+    pub(crate) model: Model,
+    /// Whether there are such.
+    pub(crate) freed: bool,
+    pub(crate) runs: Vec<Run>,
+}
+
+/// What runs beside a fitted model say of faults that have no size: holds, beginnings, units, signs, places. Those with a size are effects of the
+/// catalogue, and weighed there. The second is the evidence that the likeliest of these faults have together.
+pub(crate) fn mended(fitted: &FittedModel, runs: &[Run], work: &Work<'_>) -> (Option<Mended>, f64) {
+    let model = &fitted.model;
+    let definition = model.definition();
+    let records: Vec<Record> = runs.iter().map(|run| Record::of_run(definition, run, None)).collect();
+    let names = Channels::of(&records);
+    let tempo = pace(model, runs).map(|p| p.magnitude * p.interval);
+    let mut kinematics = Kinematics::of(&records, &names);
+    if tempo.is_none_or(|pace| pace <= FASTEST) {
+        kinematics = held_by(kinematics, fitted, &records, &names);
+    }
+    let witness = Witness { kinematics: &kinematics, records: &records, channels: &names };
+    let options = BesideOptions { estimated: false, ..BesideOptions::default() };
+    let found = beside(fitted, (runs, &witness), &options, (channels(definition).timed, tempo), work);
+    let Some(found) = found else { return (None, f64::NEG_INFINITY) };
+    let faults = found.weighed.iter().filter(|w| !w.is_none()).map(|w| w.evidence);
+    let together = log_sum(&faults.collect::<Vec<f64>>());
+    if !found.findings.iter().any(|f| f.severity == Severity::Finding) {
+        return (None, together);
+    }
+    let begun: Vec<&str> = found.begun.iter().map(String::as_str).collect();
+    let of = |(run, record): (&Run, &Record)| edited(run, record, &names, &found.edits, definition).ok();
+    let mended = runs.iter().zip(&records).map(of).collect::<Option<Vec<Run>>>();
+    let text = fitted.subject.with_free_initials(&begun);
+    let model = text.and_then(|text| Model::from_source(text).ok());
+    let mended = mended.zip(model).map(|(runs, model)| Mended {
+        findings: found.findings,
+        evidence: found.evidence,
+        model,
+        freed: !begun.is_empty(),
+        runs,
+    });
+    (mended, together)
 }
 
 /// Kinematics without the equations that the response of a model breaks.

@@ -1,6 +1,6 @@
 //! Faults that were found, in words.
 
-use super::Weighed;
+use super::{NO_FAULT, Weighed};
 use super::ground::{Ground, Planted, Point};
 use super::search::{self, Accepted, Found};
 use super::weighing::Judged;
@@ -33,7 +33,7 @@ pub(crate) fn biases_of(without: &Estimate, with: &Estimate) -> Vec<Bias> {
 pub(crate) fn weighed(ground: &Ground<'_>, found: &Found) -> Vec<Weighed> {
     let logs: Vec<f64> = found.first.iter().map(|w| w.log).chain([0.0]).collect();
     let all = log_sum(&logs);
-    let none = Weighed { what: "no fault of the record".into(), evidence: 0.0, probability: (-all).exp() };
+    let none = Weighed { what: NO_FAULT.into(), evidence: 0.0, probability: (-all).exp() };
     let of =
         |w: &search::Weighed| Weighed { what: sentence(ground, w), evidence: w.log, probability: (w.log - all).exp() };
     let mut list: Vec<Weighed> = found.first.iter().map(of).chain([none]).collect();

@@ -97,8 +97,7 @@ impl Ground<'_> {
         let (own, params) = (self.own(&point.faults), &self.model.definition().params);
         for ((run, theta), steps) in grams.runs().iter().zip(&point.theta).zip(&evidence.own) {
             for (k, (param, step)) in own.iter().zip(steps).enumerate() {
-                let diagonal = run.products.chunks_exact(run.width * run.width).map(|matrix| matrix[k * run.width + k]);
-                let information: f64 = diagonal.zip(&evidence.weights).map(|(v, w)| v * w).sum();
+                let information: f64 = run.powers_of(k).zip(&evidence.weights).map(|(v, w)| v * w).sum();
                 let (value, error) = (theta[*param] + step, information.powf(-0.5).min(f64::MAX));
                 sum += match k < self.own.len() {
                     // log-uniform, smoothed within its error: no unit of a state enters

@@ -14,11 +14,12 @@ use crate::candidates::place::PlaceKind;
 use crate::candidates::runs::{DiagnosisOptions, Domain, Runs, apart, interval, keeps_inputs, prepared, thinned};
 use crate::candidates::written_model::{WrittenModel, squares, written_model};
 use crate::diagnosis::{
-    Alternative, Biased, Cause, Diagnosis, Explanation, FrontModel, FrontOutput, NewValue, OutputGain, Overlay,
+    Alternative, Biased, Cause, Diagnosis, Explanation, FrontModel, FrontOutput, MendedOutput, MendedRecords, NewValue, OutputGain, Overlay,
     UnnamedCause, Verdict,
 };
 use crate::evidence::binning::Binning;
 use crate::evidence::decimation::decimation;
+use crate::faults::{Mended, mended};
 use crate::lack_of_fit::{BinnedResidual, LackOfFit, RunResidual, lack_of_fit, lack_of_fit_of_bins};
 use fdm_effects::{Candidate, Catalogue, Subject};
 use fdm_estimate::residuals::OutputFit;
@@ -59,43 +60,123 @@ pub fn diagnose(
     if runs.train().iter().all(|run| is_still(run, model.layout().outputs)) {
         return Err(DiagnosisError::Still);
     }
+    let asked = Asked { catalogue, options, work };
     work.stage("fitting the base model");
-    let first = initial_fits(model, runs, options, work)?.into_iter().next();
-    let first = first.ok_or_else(|| DiagnosisError::NoFit("it has no end".into()))?;
-    let mut every = decimation(&first, runs, true);
-    while every > 1 && !all.iter().all(|run| keeps_inputs(run, every)) {
-        every -= (every / 4).max(1);
-    }
-    let fewer: Vec<Run> = if every > 1 { all.iter().map(|run| run.every(every)).collect() } else { Vec::new() };
-    let (first, runs) = match every > 1 {
-        false => (first, runs),
-        true => {
-            notes.push(format!(
-                "every {every}th sample is used: what is above the band of the model and all its derivatives is noise; all errors are those of \
-                 what is left"
-            ));
-            let runs = Runs { all: &fewer, ..runs };
-            (FittedModel::new(first.model.clone(), runs, first.theta.clone())?, runs)
-        }
+    let first = asked.fitted(model, runs)?;
+    // faults of records that take part in the search have no size, and are weighed in time alone
+    let (mended, faults) = match domain {
+        Domain::Time if work.goes_on() => mended(&first, &all, work),
+        _ => (None, f64::NEG_INFINITY),
     };
-    let names = names(model);
-    let fresh = |c: &Candidate| c.targets().iter().all(|t| names.contains(t));
-    let candidates: Vec<Candidate> = catalogue.places(&first.subject).candidates.into_iter().filter(fresh).collect();
-    if candidates.is_empty() {
-        return Err(DiagnosisError::NoPlaces);
+    let mut found = asked.judged(first, runs)?;
+    let beside = mended.filter(|_| work.goes_on()).and_then(|mended| {
+        let runs = Runs { all: &mended.runs, ..runs };
+        let own = asked.judged(asked.fitted(&mended.model, runs).ok()?, runs).ok()?;
+        Some((mended, own))
+    });
+    let own = beside.as_ref().map_or(f64::NEG_INFINITY, |(mended, own)| mended.evidence + best(own));
+    let evidence = faults.max(own);
+    found.explanations.push(Explanation { verdict: Verdict::RecordFault, evidence, probability: 0.0 });
+    weighed(&mut found.explanations);
+    if let Some((mended, own)) = beside.filter(|_| found.explanations[0].verdict == Verdict::RecordFault) {
+        found = with_mended(found, mended, own);
     }
-    let searched = Runs { train: runs.all.len(), ..runs };
-    let ground = Ground {
-        runs: searched,
-        binning: Binning::new(&first, searched),
-        candidates: candidates.len(),
-        deviations: deviations(&first, runs),
-        work,
-    };
-    let judge = Judge { first: &first, runs, options, work };
-    let mut found = judge.diagnosis(&ground, &candidates)?;
     found.notes.splice(0..0, notes);
     Ok(found)
+}
+
+/// Evidence of the likeliest explanation.
+fn best(found: &Diagnosis) -> f64 {
+    found.explanations.iter().map(|e| e.evidence).fold(0.0, f64::max)
+}
+
+/// Explanations with their probabilities; those of no evidence are none. A function of one signal contains what is named as a special case: where that is
+/// as likely it says no more.
+fn weighed(all: &mut Vec<Explanation>) {
+    all.retain(|e| e.evidence.is_finite());
+    let whole = log_sum(&all.iter().map(|e| e.evidence).collect::<Vec<f64>>());
+    all.iter_mut().for_each(|e| e.probability = (e.evidence - whole).exp());
+    all.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+    let place = |verdict: Verdict| all.iter().position(|e| e.verdict == verdict);
+    if let (Some(0), Some(named)) = (place(Verdict::Law), place(Verdict::EffectFound))
+        && all[named].evidence > all[0].evidence - GROUP
+    {
+        all[..=named].rotate_right(1);
+    }
+}
+
+/// A diagnosis of mended records, in the place of that of records as they are.
+fn with_mended(plain: Diagnosis, mended: Mended, mut own: Diagnosis) -> Diagnosis {
+    let [before, after] = [&plain, &own].map(|d| &d.front[0].outputs);
+    let outputs = before.iter().zip(after).map(|(before, after)| MendedOutput {
+        output: before.output.clone(),
+        unit: before.unit.clone(),
+        before: before.rms_training,
+        after: after.rms_training,
+    });
+    let Explanation { evidence, probability, .. } = plain.explanations[0].clone();
+    own.mended = Some(MendedRecords { faults: mended.findings, evidence, probability, outputs: outputs.collect() });
+    if own.verdict == Verdict::NoEffectFound {
+        own.verdict = Verdict::RecordFault;
+        own.explanations = plain.explanations;
+        // initial values that are free now
+        own.extended = Some(mended.model.source().text().to_string()).filter(|_| mended.freed);
+    }
+    own
+}
+
+/// What is asked of every model.
+struct Asked<'a> {
+    catalogue: &'a Catalogue,
+    options: &'a DiagnosisOptions,
+    work: &'a Work<'a>,
+}
+
+impl Asked<'_> {
+    fn fitted(&self, model: &Model, runs: Runs<'_>) -> Result<FittedModel, DiagnosisError> {
+        let first = initial_fits(model, runs, self.options, self.work)?.into_iter().next();
+        first.ok_or_else(|| DiagnosisError::NoFit("it has no end".into()))
+    }
+
+    /// What a fitted model lacks.
+    fn judged(&self, first: FittedModel, runs: Runs<'_>) -> Result<Diagnosis, DiagnosisError> {
+        let Self { catalogue, options, work } = *self;
+        let mut notes = Vec::new();
+        let mut every = decimation(&first, runs, true);
+        while every > 1 && !runs.all.iter().all(|run| keeps_inputs(run, every)) {
+            every -= (every / 4).max(1);
+        }
+        let fewer: Vec<Run> = if every > 1 { runs.all.iter().map(|run| run.every(every)).collect() } else { Vec::new() };
+        let (first, runs) = match every > 1 {
+            false => (first, runs),
+            true => {
+                notes.push(format!(
+                    "every {every}th sample is used: what is above the band of the model and all its derivatives is noise; all errors are those of \
+                     what is left"
+                ));
+                let runs = Runs { all: &fewer, ..runs };
+                (FittedModel::new(first.model.clone(), runs, first.theta.clone())?, runs)
+            }
+        };
+        let names = names(&first.model);
+        let fresh = |c: &Candidate| c.targets().iter().all(|t| names.contains(t));
+        let candidates: Vec<Candidate> = catalogue.places(&first.subject).candidates.into_iter().filter(fresh).collect();
+        if candidates.is_empty() {
+            return Err(DiagnosisError::NoPlaces);
+        }
+        let searched = Runs { train: runs.all.len(), ..runs };
+        let ground = Ground {
+            runs: searched,
+            binning: Binning::new(&first, searched),
+            candidates: candidates.len(),
+            deviations: deviations(&first, runs),
+            work,
+        };
+        let judge = Judge { first: &first, runs, options, work };
+        let mut found = judge.diagnosis(&ground, &candidates)?;
+        found.notes.splice(0..0, notes);
+        Ok(found)
+    }
 }
 
 /// Whether every one of the `q` outputs has one value wherever it was measured.
@@ -191,6 +272,7 @@ impl Judge<'_> {
         let after = written.as_ref().map_or(&first.response, |w| &w.fitted.response);
         Ok(Diagnosis {
             verdict,
+            mended: None,
             causes: found.causes.iter().filter(|_| named).map(|cause| told(&found.best, cause)).collect(),
             explanations,
             unnamed,
@@ -363,19 +445,9 @@ fn explanations(found: &sets::Found, beside: &Beside, left: &Beside) -> Vec<Expl
         (Verdict::Law, beside.of(|u| u.signal.is_some())),
         (Verdict::UnknownCause, log_sum(&[beside.of(is_output), nameless])),
     ];
-    // a function of one signal contains what is named as a special case: where it is as likely it says no more
-    let preferred = effects > of[3].1 - GROUP;
-    let all = log_sum(&of.map(|(_, log)| log));
-    let mut found: Vec<Explanation> = of
-        .into_iter()
-        .filter(|(_, log)| log.is_finite())
-        .map(|(verdict, evidence)| Explanation { verdict, evidence, probability: (evidence - all).exp() })
-        .collect();
-    found.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
-    if preferred && found.first().is_some_and(|e| e.verdict == Verdict::Law) {
-        let named = found.iter().position(|e| e.verdict == Verdict::EffectFound);
-        named.into_iter().for_each(|at| found[..=at].rotate_right(1));
-    }
+    let of = of.into_iter().map(|(verdict, evidence)| Explanation { verdict, evidence, probability: 0.0 });
+    let mut found = of.collect();
+    weighed(&mut found);
     found
 }
 

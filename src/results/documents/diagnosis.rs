@@ -2,7 +2,7 @@
 
 use super::doctor::JudgedRecords;
 use fdm_infer::{
-    Biased, Cause, Diagnosis, Explanation, Feedback, FrontModel, LackOfFit, LeftOut, OutputGain, SearchStep,
+    Biased, Cause, Diagnosis, Explanation, Feedback, FrontModel, LackOfFit, LeftOut, MendedRecords, OutputGain, SearchStep,
     UnnamedCause, Verdict,
 };
 use serde::{Deserialize, Serialize};
@@ -12,6 +12,9 @@ use serde::{Deserialize, Serialize};
 pub struct DiagnosisDocument {
     /// In one word.
     pub verdict: Verdict,
+    /// Faults of the records that were mended before all else was asked.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mended: Option<MendedRecords>,
     /// Every kind of explanation with its probability, the likeliest first.
     pub explanations: Vec<Explanation>,
     /// The dearest first.
@@ -55,6 +58,7 @@ impl DiagnosisDocument {
     pub fn of(d: &Diagnosis, extended_model: Option<&str>) -> Self {
         Self {
             verdict: d.verdict,
+            mended: d.mended.clone(),
             explanations: d.explanations.clone(),
             causes: d.causes.clone(),
             unnamed: d.unnamed.clone(),
