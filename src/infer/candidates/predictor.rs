@@ -10,7 +10,7 @@ use fdm_estimate::{Response, SpectralBins};
 use fdm_system::dynamics::Dynamics;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
-use fdm_system::simulate::{Divergence, Simulator, StepOptions, Steps, choose_steps};
+use fdm_system::simulate::{Divergence, Scheme, Simulator, StepOptions, Steps, choose_steps};
 use std::sync::Arc;
 
 /// Part of the noise's deviation that an integration error may have.
@@ -68,6 +68,16 @@ impl Predictor {
         let mut simulator = Simulator::new(model.dynamics(), run, chosen.clone()).map_err(unsuited)?;
         simulator.suits(theta).map_err(unsuited)?;
         Ok(Self::Steps(chosen))
+    }
+
+    /// With steps half as long; none where a response has no error of steps.
+    pub(crate) fn halved(&self) -> Option<Self> {
+        match self {
+            Self::Steps(steps) if !matches!(steps.scheme(), Scheme::ExactDiscretisation { .. }) => {
+                Some(Self::Steps(steps.halved()))
+            }
+            _ => None,
+        }
     }
 
     /// What is compared: measured samples or bins, N by q.

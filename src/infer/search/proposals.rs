@@ -297,6 +297,10 @@ impl<'s> Proposals<'s> {
         let mut best: Option<(f64, State)> = None;
         for part in [1.0, 0.4, 0.1, 0.0] {
             let Some(state) = self.at(proposal, part) else { continue };
+            // a limit begins where it is, whatever the part
+            if best.as_ref().is_some_and(|(_, best)| best.theta == state.theta) {
+                continue;
+            }
             let cost = self.ground.weighted(&state, &proposal.weights);
             if best.as_ref().is_none_or(|(least, _)| cost < *least) {
                 best = Some((cost, state));

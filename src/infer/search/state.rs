@@ -20,6 +20,8 @@ use std::sync::Arc;
 /// Gauss-Newton steps of a refit, and the promised gain (nats) at which none is worth making.
 const STEPS: usize = 12;
 const SETTLED: f64 = 0.025;
+/// Times that steps are chosen anew for the values of a refit.
+const STEPPED: usize = 3;
 /// Promised gain (nats of white noise) at which a plain fit is near enough.
 const PLAINLY: f64 = 0.5;
 /// Parts of a step that are tried, and the promised gain up to which the first that helps is taken.
@@ -53,6 +55,7 @@ pub(crate) struct Ground<'a> {
 }
 
 /// A text and its program.
+#[derive(Clone)]
 pub(crate) struct Text {
     pub(crate) model: Model,
     pub(crate) subject: Subject,
@@ -416,8 +419,39 @@ impl Ground<'_> {
         Some(state)
     }
 
-    /// A state fitted by its own noise, with the greatest evidence on the way; none where it has no response.
+    /// A state with steps that suit its values; none where those that it has do: halves of them would move its weighted squares by no more than is worth a
+    /// step of a fit.
+    fn with_own_steps(&self, state: &State, weights: &[f64]) -> Option<State> {
+        let with = |predictors: Vec<Predictor>| State {
+            text: Arc::new(Text { predictors, ..Text::clone(&state.text) }),
+            ..state.clone()
+        };
+        let halved = state.text.predictors.iter().map(Predictor::halved).collect::<Option<Vec<_>>>()?;
+        let moved = self.weighted(&with(halved), weights) - self.weighted(state, weights);
+        if 0.5 * moved.abs() < SETTLED {
+            return None;
+        }
+        Predictor::all(&state.text.model, self.runs, &state.theta).ok().map(with)
+    }
+
+    /// A state fitted by its own noise, with the greatest evidence on the way; none where it has no response. Where its values ask for other steps than those it
+    /// began with, as a time constant does that has become short, it goes on with these.
     pub(crate) fn refit(&self, state: State, weights: Option<&[f64]>) -> Option<(State, Judged)> {
+        let mut found = self.refit_by_steps(state, weights)?;
+        for _ in 0..STEPPED {
+            if !self.work.goes_on() {
+                break;
+            }
+            let own = found.1.evidence.weights.clone();
+            let Some(state) = self.with_own_steps(&found.0, &own) else { break };
+            let Some(next) = self.refit_by_steps(state, Some(&own)) else { break };
+            found = next;
+        }
+        Some(found)
+    }
+
+    /// As [`Self::refit`], with the steps that the state has.
+    fn refit_by_steps(&self, state: State, weights: Option<&[f64]>) -> Option<(State, Judged)> {
         let judged = self.judge(&state, weights)?;
         let (mut state, mut judged) = (state, judged);
         let mut best: Option<(State, Judged)> = None;
