@@ -95,11 +95,6 @@ impl Point {
         Self { faults, ..self.clone() }
     }
 
-    pub(crate) fn without(&self, k: usize) -> Self {
-        let mut faults = self.faults.clone();
-        faults.remove(k);
-        Self { faults, ..self.clone() }
-    }
 }
 
 /// Responses of all runs with their derivatives, as the inputs of some edits make them, before what edits do to outputs.
@@ -231,6 +226,16 @@ impl<'a> Ground<'a> {
     /// Samples of a run that are compared.
     pub(crate) fn samples(&self, r: usize) -> usize {
         self.measured[r].len() / self.outputs()
+    }
+
+    /// A point without one of its faults: a state begins where the model says again.
+    pub(crate) fn without(&self, point: &Point, k: usize) -> Point {
+        let mut without = point.clone();
+        if let Planted::Beginning(state) = without.faults.remove(k) {
+            let param = self.stated[state].param;
+            without.theta.iter_mut().zip(&self.text).for_each(|(theta, text)| theta[param] = text[param]);
+        }
+        without
     }
 
     /// The unknowns of each run beside these faults.

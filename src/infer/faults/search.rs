@@ -95,7 +95,7 @@ impl Search<'_> {
     fn needed_still(&self, accepted: &mut Vec<Accepted>, point: &mut Point, judged: &mut Judged) -> usize {
         let (mut fits, mut k) = (0, 0);
         while k < accepted.len() && accepted.len() > 1 {
-            let begun = point.without(k);
+            let begun = self.ground.without(point, k);
             let own = self.ground.refit(begun.clone(), Some(&judged.evidence.weights));
             let text = Point { theta: self.ground.text.clone(), ..begun };
             let from_text = self.ground.refit(text, None);
