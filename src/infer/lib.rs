@@ -19,7 +19,8 @@ mod search;
 pub use candidates::{DiagnosisError, DiagnosisOptions, Domain, Place, PlaceKind};
 pub use diagnosis::{
     Alternative, Biased, Cause, CorrelatedInput, Diagnosis, EffectAt, Explanation, Feedback, FrequencyDomain,
-    FrontModel, FrontOutput, LeftOut, MendedOutput, MendedRecords, NewValue, OutputGain, Overlay, SearchStep, Tried, UnnamedCause, Verdict,
+    FrontModel, FrontOutput, LeftOut, MendedOutput, MendedRecords, NewValue, OutputGain, Overlay, SearchStep, Tried,
+    UnnamedCause, Verdict,
 };
 pub use faults::{BesideOptions, Examination, Weighed, examine_beside, first_cause};
 pub use lack_of_fit::{AmplitudeBin, Band, Gain, LackOfFit, RunResidual, Window, lack_of_fit};

@@ -94,7 +94,6 @@ impl Point {
         faults.push(fault);
         Self { faults, ..self.clone() }
     }
-
 }
 
 /// Responses of all runs with their derivatives, as the inputs of some edits make them, before what edits do to outputs.

@@ -20,14 +20,14 @@ use crate::candidates::fitted_model::FittedModel;
 use crate::candidates::initial_fit::{plainly, with_validation_runs};
 use crate::candidates::runs::{Domain, Runs, keeps_inputs};
 use crate::evidence::decimation::decimation;
+use crate::search::log_sum;
 use fdm_doctor::{
-    AloneOptions, Channels, Finding, Kinematics, Record, Role, Severity, Slot, Witness, aliased, examine_alone,
-    edited, information, mask, pace, sort,
+    AloneOptions, Channels, Finding, Kinematics, Record, Role, Severity, Slot, Witness, aliased, edited, examine_alone,
+    information, mask, pace, sort,
 };
 use fdm_estimate::{Estimate, FitOptions, Termination, Work};
 use fdm_system::Model;
 use fdm_system::record::{Run, channels};
-use crate::search::log_sum;
 use ground::{Ground, Planted, Point, doubted};
 use search::{FASTEST, Search};
 use serde::{Deserialize, Serialize};

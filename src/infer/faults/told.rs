@@ -1,9 +1,9 @@
 //! Faults that were found, in words.
 
-use super::{NO_FAULT, Weighed};
 use super::ground::{Ground, Planted, Point};
 use super::search::{self, Accepted, Found};
 use super::weighing::Judged;
+use super::{NO_FAULT, Weighed};
 use crate::search::log_sum;
 use fdm_doctor::{Bias, Fault, Finding, Hypothesis, Repair, Severity, Slot, time_factor};
 use fdm_estimate::{Estimate, ParameterEstimate};

@@ -14,8 +14,8 @@ use crate::candidates::place::PlaceKind;
 use crate::candidates::runs::{DiagnosisOptions, Domain, Runs, apart, interval, keeps_inputs, prepared, thinned};
 use crate::candidates::written_model::{WrittenModel, squares, written_model};
 use crate::diagnosis::{
-    Alternative, Biased, Cause, Diagnosis, Explanation, FrontModel, FrontOutput, MendedOutput, MendedRecords, NewValue, OutputGain, Overlay,
-    UnnamedCause, Verdict,
+    Alternative, Biased, Cause, Diagnosis, Explanation, FrontModel, FrontOutput, MendedOutput, MendedRecords, NewValue,
+    OutputGain, Overlay, UnnamedCause, Verdict,
 };
 use crate::evidence::binning::Binning;
 use crate::evidence::decimation::decimation;
@@ -146,7 +146,8 @@ impl Asked<'_> {
         while every > 1 && !runs.all.iter().all(|run| keeps_inputs(run, every)) {
             every -= (every / 4).max(1);
         }
-        let fewer: Vec<Run> = if every > 1 { runs.all.iter().map(|run| run.every(every)).collect() } else { Vec::new() };
+        let fewer: Vec<Run> =
+            if every > 1 { runs.all.iter().map(|run| run.every(every)).collect() } else { Vec::new() };
         let (first, runs) = match every > 1 {
             false => (first, runs),
             true => {
@@ -160,7 +161,8 @@ impl Asked<'_> {
         };
         let names = names(&first.model);
         let fresh = |c: &Candidate| c.targets().iter().all(|t| names.contains(t));
-        let candidates: Vec<Candidate> = catalogue.places(&first.subject).candidates.into_iter().filter(fresh).collect();
+        let candidates: Vec<Candidate> =
+            catalogue.places(&first.subject).candidates.into_iter().filter(fresh).collect();
         if candidates.is_empty() {
             return Err(DiagnosisError::NoPlaces);
         }

@@ -2,8 +2,8 @@
 
 use super::doctor::JudgedRecords;
 use fdm_infer::{
-    Biased, Cause, Diagnosis, Explanation, Feedback, FrontModel, LackOfFit, LeftOut, MendedRecords, OutputGain, SearchStep,
-    UnnamedCause, Verdict,
+    Biased, Cause, Diagnosis, Explanation, Feedback, FrontModel, LackOfFit, LeftOut, MendedRecords, OutputGain,
+    SearchStep, UnnamedCause, Verdict,
 };
 use serde::{Deserialize, Serialize};
 
