@@ -139,17 +139,16 @@ fn is_intensive(unit: &Unit) -> bool {
 }
 
 /// Whether two things measure the same. Nothing is said where a unit is missing.
-fn are_alike(subject: &Subject, a: &str, b: &str) -> bool {
+pub(super) fn are_alike(subject: &Subject, a: &str, b: &str) -> bool {
     let (Some(a), Some(b)) = (subject.unit(a), subject.unit(b)) else { return true };
     a.same_dimension(&b)
 }
 
-/// Whether a rate makes of some species others that are measured alike: heat is no species.
+/// Whether a rate makes of some species, all measured alike, others.
 fn turns(subject: &Subject, param: &str) -> bool {
     let [consumed, made] = [Turnover::Consumed, Turnover::Produced].map(|turnover| subject.species(param, turnover));
-    let mut all = consumed.iter().chain(&made);
-    let first = all.next().copied().unwrap_or_default();
-    !consumed.is_empty() && !made.is_empty() && all.all(|x| are_alike(subject, first, x))
+    let (Some(first), Some(_)) = (consumed.first(), made.first()) else { return false };
+    consumed.iter().all(|x| are_alike(subject, first, x))
 }
 
 /// Whether the rate of a state or the value of an output depends on something, lets looked through.

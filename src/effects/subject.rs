@@ -1,5 +1,6 @@
 //! The model that effects are tried on: its text, what is written there, and what it depends on.
 
+use super::conditions::are_alike;
 use super::turnover::{Turnover, Turnovers};
 use fdm_grammar::check::matching::Matching;
 use fdm_grammar::diagnostic::Diagnostic;
@@ -301,10 +302,13 @@ impl Subject {
         self.turnovers.get_or_init(|| Turnovers::new(model)).of(model.param(param)?, state)
     }
 
-    /// Species that the constant of a rate turns over in one way, in the order of the states.
+    /// Species that the constant of a rate turns over in one way, in the order of the states. What it makes and does not measure as what it consumes, such as
+    /// the temperature that heat of a reaction raises, is no species.
     pub(super) fn species(&self, param: &str, turnover: Turnover) -> Vec<&str> {
-        let states = self.model.states.iter().map(|s| s.quantity.name.as_str());
-        states.filter(|x| self.balance(x).is_some() && self.turnover(param, x) == Some(turnover)).collect()
+        let states = || self.model.states.iter().map(|s| s.quantity.name.as_str()).filter(|x| self.balance(x).is_some());
+        let consumed = states().find(|x| self.turnover(param, x) == Some(Turnover::Consumed));
+        let alike = |x: &&str| turnover == Turnover::Consumed || consumed.is_none_or(|c| are_alike(self, c, x));
+        states().filter(|x| self.turnover(param, x) == Some(turnover)).filter(alike).collect()
     }
 
     /// The leaf that a name is.

@@ -11,7 +11,7 @@ use std::collections::BTreeSet;
 
 /// Sets that are refitted in a step: candidates, and pairs where the best of them is likelier or less likely than the best candidate.
 const REFITTED: usize = 14;
-const PAIRS: (usize, usize) = (3, 2);
+const PAIRS: (usize, usize) = (6, 2);
 /// Sets that are refitted from a plain fit too.
 const AGAIN: usize = 4;
 /// Sets that are asked whether they may be taken.
