@@ -20,7 +20,7 @@ use std::f64::consts::PI;
 /// Candidates whose evidence is asked for in each round, pairs likewise, and how many candidates pairs are made of.
 const SINGLES: usize = 12;
 const PAIRS: usize = 16;
-const PAIRED: usize = 40;
+const PAIRED: usize = 100;
 /// Rounds: by the noise that the state believes, by plain errors, by that of the best proposal.
 const ROUNDS: usize = 4;
 /// Part of an effect that is left beside the fitted parameters, below which it is called hidden.

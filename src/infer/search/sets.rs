@@ -152,22 +152,9 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Of the likeliest sets the first that predicts as well as what is there; of those in its group one that predicts better: what leaves large
-    /// errors by a slow noise of its own is as likely, and no better.
+    /// Of the likeliest sets the first that predicts as well as what is there.
     fn chosen(&self, sets: Vec<Fitted>, before: &State) -> Option<Fitted> {
-        let most = AS_WELL * (self.error)(before);
-        let mut found: Option<(Fitted, f64)> = None;
-        for set in sets.into_iter().take(ASKED) {
-            let beside = found.as_ref().map(|((_, judged), error)| (judged.log, *error));
-            if beside.is_some_and(|(log, _)| set.1.log < log - GROUP) {
-                break;
-            }
-            let error = (self.error)(&set.0);
-            if error <= most && beside.is_none_or(|(_, least)| AS_WELL * error < least) {
-                found = Some((set, error));
-            }
-        }
-        found.map(|(set, _)| set)
+        sets.into_iter().take(ASKED).find(|(set, _)| self.predicts(set, before))
     }
 
     fn predicts(&self, new: &State, old: &State) -> bool {
