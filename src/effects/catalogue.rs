@@ -2,9 +2,9 @@
 
 use super::candidate::{Candidate, Crowded, Places};
 use super::conditions::fits;
-use super::definition::Effect;
-use super::probe;
 use super::subject::{Subject, Target};
+use crate::conditions::Effect;
+use crate::null;
 use fdm_grammar::diagnostic::{Code, Diagnostic};
 use fdm_grammar::source::Source;
 use fdm_grammar::syntax::{Class, Field, SlotKind, parse_effects};
@@ -38,7 +38,7 @@ impl Catalogue {
             let Some(effect) = Effect::check(tree, &mut findings) else { continue };
             if let Some(finding) = catalogue.rival(&effect) {
                 findings.push(finding);
-            } else if let Err(finding) = probe::check(&effect) {
+            } else if let Err(finding) = null::check(&effect) {
                 findings.push(finding);
             } else {
                 catalogue.effects.push(Arc::new(effect));

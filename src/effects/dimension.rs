@@ -1,8 +1,8 @@
 //! Units of what an effect brings, from the equations it enters: solved for, line by line, until nothing more follows.
 
-use super::definition::Effect;
 use super::subject::{Balance, Subject, derived, value_of_let};
 use super::turnover::Turnover;
+use crate::conditions::Effect;
 use fdm_grammar::syntax::{BinarySign, EffectLine, Expr, ExprRef, StatementKind, SyntaxTree, Value};
 use fdm_grammar::unit::Unit;
 use std::collections::{BTreeMap, HashMap};

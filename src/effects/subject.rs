@@ -1,7 +1,7 @@
 //! The model that effects are tried on: its text, what is written there, and what it depends on.
 
 use super::turnover::{Turnover, Turnovers};
-use fdm_grammar::check::matching::Matching;
+use fdm_grammar::check::equations::Matching;
 use fdm_grammar::diagnostic::Diagnostic;
 use fdm_grammar::gather;
 use fdm_grammar::graph::{Graph, Leaf, Node, Signal};

@@ -1,8 +1,8 @@
 //! What each name and each call in the text stands for.
 
+use super::beginnings;
 use super::functions::{self, Function, argument_count};
 use super::order::Blocks;
-use super::records;
 use super::scope::{LONGEST_GUESS, Meaning, Scope, Symbol};
 use super::tables;
 use crate::diagnostic::{Code, Diagnostic, Label};
@@ -115,7 +115,7 @@ impl<'a> Resolver<'a, '_> {
             return Meaning::Broken;
         }
         if function == Function::Measured {
-            return match records::output(self.scope, arguments[0], span) {
+            return match beginnings::output(self.scope, arguments[0], span) {
                 Ok(output) => Meaning::Record(output),
                 Err(finding) => {
                     self.findings.extend(finding);

@@ -2,7 +2,7 @@
 //! still to be found.
 
 use super::delays::Delays;
-use super::derivatives::Derivatives;
+use super::delays::Derivatives;
 use crate::graph::{Graph, Leaf, Node, Signal};
 use crate::op::{Args, Build, ExprId, Op};
 use std::collections::{BTreeMap, HashMap};

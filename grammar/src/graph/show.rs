@@ -1,7 +1,7 @@
 //! Prints expressions in the language's own notation.
 
-use super::calls::{call as call_of, elements};
 use super::{Graph, Leaf, Node};
+use super::{call as call_of, elements};
 use crate::op::{ExprId, Form, Op};
 
 /// Names for leaves.

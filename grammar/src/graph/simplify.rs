@@ -3,8 +3,8 @@
 //! Refused: expanding or factoring sums (changes rounding and may swell), `x/x = 1` (hides a division by zero).
 //! Accepted knowingly: `0*x = 0`; a structural zero must stay one, and a NaN in x is seen through x itself.
 
-use super::calls::{call, elements};
 use super::{Graph, Node};
+use super::{call, elements};
 use crate::op::{Build, ExprId, Form, Op};
 
 /// Greatest integer exponent that is written out as products.

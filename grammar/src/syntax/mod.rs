@@ -7,33 +7,25 @@
 //! from texts of their own, by [`parse_effects`] in `catalogue.rs`.
 
 mod catalogue;
-mod effects;
 mod expected;
 mod expression;
-mod extent;
-mod hints;
 mod mathml;
 mod outline;
 mod parse;
 mod print;
-mod print_effect;
 mod recover;
 mod scan;
 mod slips;
 mod spans;
 mod tree;
-mod words;
 
-pub use catalogue::parse_effects;
-pub use effects::*;
-pub use extent::value_extent;
+pub use catalogue::{parse_effects, *};
 pub use mathml::{Typesetter, typeset_name};
-pub use print::Printer;
-pub use print_effect::print_effect;
+pub use print::{Printer, print_effect};
 pub use recover::{parse, parse_recovering, parse_used};
-pub use scan::{Kind as TokenKind, Token, holds_effects, tokens};
+pub use scan::{Kind as TokenKind, Token, WORDS, WordUse, holds_effects, tokens, word_use, words_for};
+pub use spans::value_extent;
 pub use tree::*;
-pub use words::{WORDS, WordUse, word_use, words_for};
 
 #[cfg(test)]
 mod tests;

@@ -1,8 +1,8 @@
 //! One pass over the nodes below some expressions, operands first: each becomes a sum of coefficients times regressors.
 
+use super::Sum;
 use super::Term;
-use super::monomial::product;
-use super::sum::Sum;
+use super::product;
 use crate::graph::{Graph, Leaf, Node};
 use crate::op::{Args, Build, ExprId, Op};
 

@@ -1,6 +1,6 @@
 //! A checked model as SBML core, level 3 version 1: states as parameters with rate rules, everything else as rules, events as events.
 
-use crate::names::Names;
+use crate::expression::Names;
 use crate::problem::{Piece, Unsuited};
 use fdm_grammar::Model;
 use fdm_grammar::graph::{Leaf, Node};

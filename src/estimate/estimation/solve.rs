@@ -1,12 +1,12 @@
 //! The road from a problem to its estimate.
 
-use crate::estimation::estimate::{BiasCorrection, Estimate, ParameterEstimate, Symmetric, matches};
+use super::{BiasCorrection, Estimate, ParameterEstimate, Symmetric, matches};
 use crate::estimation::smoothness::{Chosen, SmoothTables, choose};
 use crate::iteration::evaluation::{Evaluator, Failure, RunFailure};
 use crate::iteration::likelihood::{LikelihoodCost, of_parameters, space};
 use crate::iteration::optimizers::approach;
 use crate::iteration::priors::Priors;
-use crate::problem::degenerate::collapsed;
+use crate::problem::noise::collapsed;
 use crate::problem::noise::{Likelihood, Weights};
 use crate::problem::unknowns::Unknowns;
 use crate::problem::{Numbers, Options, Problem, ProblemError, ProblemRun};
@@ -15,11 +15,11 @@ use crate::uncertainty::correction::correct;
 use crate::uncertainty::cramer_rao::{CramerRao, conclude};
 use crate::uncertainty::curvature::{Curvature, Curved, Neighbourhood};
 use crate::uncertainty::identifiability::Direction;
-use crate::uncertainty::lost_unknowns::{Lost, Pin};
+use crate::uncertainty::identifiability::{Lost, Pin};
 use crate::uncertainty::parameters::Statistics;
 use crate::uncertainty::sandwich::{Corrected, Ended, Sandwich, Uncorrected};
+use crate::work::Termination;
 use crate::work::Work;
-use crate::work::termination::Termination;
 use fdm_grammar::model::TableNode;
 use fdm_numeric::least_squares::{Fallback, GaussNewton, Iteration, Options as StepOptions, Problem as _, Snapshot};
 use fdm_numeric::quadratic::Quadratic;

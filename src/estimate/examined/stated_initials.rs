@@ -4,12 +4,12 @@
 //! (Rao's score test, in which all others may move). Where that pays, a second look at the residuals of that step allows for their colour; and where it
 //! still pays, the model is fitted with these initial values free. Nothing is told that this fit does not bear out.
 
-use crate::estimation::estimate::{ParameterEstimate, Status};
+use crate::estimation::{ParameterEstimate, Status};
 use crate::examined::doubted_initials::{DoubtedInitial, DoubtedInitials, MovedParameter};
-use crate::iteration::normal_equations::NormalEquations;
-use crate::methods::output_error::attempt::Attempt;
+use crate::iteration::evaluation::NormalEquations;
 use crate::methods::output_error::error::FitError;
 use crate::methods::output_error::fit::Fit;
+use crate::methods::output_error::options::Attempt;
 use crate::methods::output_error::options::{Continuation, FitOptions, SharedSteps};
 use crate::methods::spectra::initial_conditions::{all_are_free, with_initials};
 use crate::methods::time_domain::fit_from;

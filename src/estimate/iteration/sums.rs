@@ -5,7 +5,7 @@
 //! processor's registers gives the same bits, and so does every division into blocks.
 
 use super::products::{PlaneSums, WIDE, accumulate};
-use fdm_numeric::dense::triangle;
+use fdm_numeric::dense::panels;
 use fdm_system::simulate::{Block, Planes};
 
 /// Lanes of the longest vector that the loops are laid out for.
@@ -210,7 +210,7 @@ impl Sums {
         for samples in rows.chunks(ROWS * block.layout.length) {
             waiting.clear();
             samples.chunks(block.layout.length).for_each(|s| waiting.extend_from_slice(&s[row.start..][..row.width]));
-            triangle::reduce(&mut group.values, row.columns.len() + 1, waiting, row.width, work);
+            panels::reduce(&mut group.values, row.columns.len() + 1, waiting, row.width, work);
         }
     }
 
@@ -241,7 +241,7 @@ impl Sums {
         let Group { width, values, .. } = &mut self.groups[0];
         let rows = &mut self.waiting[..filled * *width];
         if self.precise {
-            triangle::reduce(values, order, rows, *width, &mut self.work);
+            panels::reduce(values, order, rows, *width, &mut self.work);
         } else {
             accumulate(rows, *width, filled, *width, order, values);
         }

@@ -5,20 +5,20 @@
 //! known deviation that shrinks, and what they should be is shifted until they vanish. A fit of the uncut model
 //! ends it where that is possible.
 
-use crate::estimation::estimate::{Estimate, RunFit, Status, Symmetric};
 use crate::estimation::solve::estimate;
-use crate::methods::output_error::attempt::Attempt;
+use crate::estimation::{Estimate, RunFit, Status, Symmetric};
 use crate::methods::output_error::error::{FitError, StrategyError};
+use crate::methods::output_error::fit::IntegrationFault;
 use crate::methods::output_error::fit::{Continuity, Fit};
-use crate::methods::output_error::integration_fault::IntegrationFault;
+use crate::methods::output_error::options::Attempt;
 use crate::methods::output_error::options::{FitOptions, Shooting};
 use crate::methods::output_error::single::single_fit;
 use crate::problem::noise::Noise;
 use crate::problem::response::RunResponse;
 use crate::problem::{Options, Problem, ProblemRun};
 use crate::recovery::segmented_response::{Segment, SegmentModels, SegmentedResponse, Sizes, initial_state};
+use crate::work::Termination;
 use crate::work::Work;
-use crate::work::termination::Termination;
 use crate::{DerivedQuantities, initial_guess};
 use fdm_system::model::Model;
 use fdm_system::record::Run;

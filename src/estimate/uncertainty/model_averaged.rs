@@ -4,8 +4,8 @@
 //! All outputs share one model, or each has its own; both hypotheses are weighed. Each decorrelated output acts on the parameters by `S' R^-1 L`. A variance
 //! is then a mixture of values with weights, and the interval is that of the mixture.
 
-use super::arrow::{Arrow, Blocks};
-use super::gauss_markov::Clock;
+use super::information::{Arrow, Blocks};
+use super::noise_candidates::Clock;
 use super::noise_candidates::{NoiseModel, candidates, log_prior, median_interval};
 use super::restricted_likelihood::{
     Decorrelated, Decorrelation, Likelihood, NormalEquations, Restricted, ShortRun, normal_equations,

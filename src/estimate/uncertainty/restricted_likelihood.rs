@@ -1,8 +1,8 @@
 //! The restricted likelihood of the noise of several outputs (Patterson and Thompson 1971): that of what is left of the residuals when the parameters are free,
 //! so that what fitting takes off is not taken for quiet. Correlated outputs are decorrelated first, `L^-1 e` with the Cholesky factor L of their covariance.
 
-use super::arrow::{Arrow, Blocks, Parts};
-use super::gauss_markov::Clock;
+use super::information::{Arrow, Blocks, Parts};
+use super::noise_candidates::Clock;
 use super::noise_candidates::NoiseModel;
 use super::sensitivity_rows::SensitivityRows;
 use crate::iteration::products::accumulate;

@@ -3,7 +3,7 @@
 
 use super::experiment_error::{ExperimentError, Fault};
 use super::flight::{Flight, names, rounded, unit};
-use super::noise::Of;
+use super::signal::Of;
 use fdm_grammar::model::Quantity;
 use fdm_system::Model;
 use fdm_system::dynamics::{Point, Step, Workspace};

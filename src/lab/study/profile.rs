@@ -2,7 +2,7 @@
 //! parameter may go until that costs more than chance explains. Such an interval needs no parabola: it may be lopsided, or open.
 
 use super::bootstrap::reached;
-use super::study_error::StudyError;
+use super::series::StudyError;
 use fdm_estimate::{
     Attempt, Changes, Continuation, Estimate, Fit, FitOptions, MultiStart, ParameterEstimate, SharedSteps, Status,
     Work, fit_from, quantile,

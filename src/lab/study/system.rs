@@ -2,7 +2,7 @@
 //! of them, with noise as it found it.
 
 use super::bootstrap::Bootstrap;
-use super::disturbance::of_experiment;
+use super::bootstrap::of_experiment;
 use crate::experiment::{Experiment, ExperimentError, Rehearsal, StageAnswer, measured_stages};
 use fdm_estimate::{Halt, Work, fit};
 use fdm_results::documents::study::{Colour, Figure, Repeat, Subject};

@@ -2,7 +2,7 @@
 
 use super::doctor::JudgedRecords;
 use super::json::present;
-use super::modes::ModesDocument;
+use super::model::ModesDocument;
 use super::result::KeptParameter;
 use fdm_estimate::equation_error::{
     ChannelNoise, Dependence, Domain, EquationErrorFit, Refusal, Regression, Structure,

@@ -4,7 +4,7 @@
 //! for the equations that unknowns move, or rows for the outputs, whichever makes the shorter program.
 
 use super::elimination::Elimination;
-use super::expression::{Expressions, Scalar, Scalars, Value};
+use super::elimination::{Expressions, Scalar, Scalars, Value};
 use super::program::{Program, Results};
 use super::wiring::{Influence, Source, Wiring};
 

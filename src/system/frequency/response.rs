@@ -1,11 +1,11 @@
 //! The response of one run at its frequencies: programs kept for the choices of columns ([`Plans`]), run block by block.
 
 use super::dense::Dense;
+use super::elimination::units_of;
 use super::end_points::{DelayedInput, EndColumn, EndTerms, Ends};
-use super::expression::units_of;
-use super::leaves::Leaves;
 use super::plan::plan;
 use super::program::{BLOCK, DATA, Execution, FLAGS, PLANE, Program};
+use super::wiring::Leaves;
 use super::wiring::Wiring;
 use crate::linear::{Structure, Values};
 use crate::simulate::{Block, PlaneSink, Planes, Sink};

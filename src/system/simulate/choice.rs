@@ -7,9 +7,9 @@
 
 use super::discrete::{self, Intervals};
 use super::error::{MOST_IMPLICIT, Unsuited};
-use super::integration_error::{SOUND, TOLERANCE, UNSOUND, difference, integration_error, remaining, response};
 use super::simulator::Simulator;
 use super::step_control::{self, Probe, Scales};
+use super::step_control::{SOUND, TOLERANCE, UNSOUND, difference, integration_error, remaining, response};
 use super::steps::{Grid, Scheme, Steps};
 use crate::dynamics::{Dynamics, Layout};
 use crate::record::Run;
@@ -454,9 +454,9 @@ pub struct Accuracy {
 mod tests {
     #![allow(clippy::unwrap_used)]
 
-    use super::super::integration_error::worst_errors;
     use super::*;
     use crate::model::Model;
+    use crate::simulate::step_control::worst_errors;
     use fdm_numeric::halt::Stop;
     use std::sync::Arc;
     use std::sync::atomic::{AtomicUsize, Ordering};

@@ -9,8 +9,8 @@
 //! An event is armed while its guard is not above zero, and happens only when it is.
 
 use super::cuts::Turn;
+use super::cuts::take_back;
 use super::error::{EventFault, MOST_EVENTS};
-use super::stops::take_back;
 use crate::dynamics::{Dynamics, Layout, Point, Step, Workspace};
 
 /// Parts of a step at which the interpolant is looked at.

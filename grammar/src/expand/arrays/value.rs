@@ -1,6 +1,6 @@
 //! What every expression of the text is worth: a number, a vector or a matrix of expressions.
 
-use super::shape::Dims;
+use super::declared::Dims;
 use super::writer::{BROKEN, Item, Place, Writer};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::source::Span;

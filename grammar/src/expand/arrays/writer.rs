@@ -1,9 +1,9 @@
 //! The expressions of the flattened model, as they are made.
 
 use super::super::broken;
-use super::super::budget::Budget;
 use super::declared::Declared;
 use crate::diagnostic::Diagnostic;
+use crate::expand::Budget;
 use crate::source::Span;
 use crate::syntax::{
     BinarySign, Declaration, Expr, ExprRef, Name, Role, Statement, StatementKind, UnarySign, Value, operands,

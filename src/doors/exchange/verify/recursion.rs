@@ -2,9 +2,9 @@
 
 #![allow(unsafe_code, reason = "what was compiled is loaded into this process")]
 
+use super::VerifyError;
 use super::compiled::{c_library, prefix_of};
-use super::error::VerifyError;
-use super::site::{Noise, Numbers};
+use super::{Noise, Numbers};
 use crate::fmu::Files;
 use fdm_estimate::equation_error::{ParameterGroup, RecursiveConstants, RecursiveEstimator};
 use fdm_system::Model;

@@ -1,14 +1,14 @@
 //! The likelihood of all runs' innovations at one vector of unknowns: parameters, intensities of process noise, and deviations of
 //! measurement noise; and from a model and runs to what is filtered.
 
-use super::error::FilterError;
+use super::fit::FilterError;
 use super::jacobians::Programs;
 use super::kalman::{Kalman, Score};
 use crate::iteration::priors::Priors;
 use crate::methods::output_error::error::FitError;
-use crate::problem::derived::DerivedQuantities;
 use crate::problem::noise::Noise;
 use crate::problem::response::RunResponse;
+use crate::problem::unknowns::DerivedQuantities;
 use crate::problem::unknowns::Unknowns;
 use crate::problem::{Options, Problem, ProblemRun};
 use fdm_grammar::graph::Signal;

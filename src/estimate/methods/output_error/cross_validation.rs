@@ -1,8 +1,8 @@
 //! Weights of smooth tables by validation: how well fits of some runs predict the others.
 
-use super::attempt::{Attempt, after};
 use super::error::FitError;
 use super::options::FitOptions;
+use super::options::{Attempt, after};
 use super::single::single_fit;
 use crate::problem::Options;
 use crate::problem::method::SmoothBy;

@@ -1,26 +1,26 @@
 //! The road of a fit in the frequency domain.
 
 use super::error::{SpectralError, Unanswered};
+use super::initial_conditions::{FinishInTime, LastFinish};
+use super::initial_conditions::{UnobservableMode, longest, unobservable_modes};
 use super::initial_conditions::{found_later, in_time, values_of};
-use super::noise_in_time::{FinishInTime, LastFinish};
 use super::options::SpectralOptions;
 use super::regressor_noise::SimulatedNoise;
 use super::setting::{Setting, band, weight};
-use super::starting_values::{StartingValue, regressed_values};
-use super::unobservable_modes::{UnobservableMode, longest, unobservable_modes};
-use crate::estimation::estimate::{Estimate, ParameterEstimate};
+use super::setting::{StartingValue, regressed_values};
+use crate::estimation::smoothness::add_tables;
 use crate::estimation::solve::estimate;
-use crate::estimation::table_nodes::add_tables;
-use crate::methods::output_error::attempt::after;
+use crate::estimation::{Estimate, ParameterEstimate};
 use crate::methods::output_error::error::{FitError, StrategyError};
 use crate::methods::output_error::fit::Fit;
 use crate::methods::output_error::noise_model::{refused, without_output_noise};
+use crate::methods::output_error::options::after;
 use crate::methods::output_error::single::{changed, starts};
 use crate::problem::Options;
 use crate::problem::method::{Domain, Method, SmoothBy};
 use crate::problem::noise::Noise;
+use crate::work::Budget;
 use crate::work::Work;
-use crate::work::budget::Budget;
 use fdm_grammar::carried::CarriedTerm;
 use fdm_system::linear::Trim;
 use fdm_system::model::Model;
@@ -279,7 +279,7 @@ impl Setting {
 /// Measured and modelled spectra at the estimates.
 fn compared(setting: &Setting, estimate: &Estimate) -> Vec<RunSpectrum> {
     let q = setting.linear.structure().outputs;
-    let one = |(r, result): (usize, &crate::estimation::estimate::RunFit)| {
+    let one = |(r, result): (usize, &crate::estimation::RunFit)| {
         let spectrum = &setting.spectra[r];
         let (count, factor) = (spectrum.omega.len(), 1.0 / weight(&setting.spectra, r));
         let at = |o: usize, k: usize| {

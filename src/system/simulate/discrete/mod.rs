@@ -7,7 +7,6 @@
 //! through the derivatives of F. Subsystems that do not influence each other are separate, so that their rows are short.
 
 mod equations;
-mod feed;
 mod map;
 mod response;
 mod subsystem;
@@ -17,7 +16,7 @@ mod transition;
 
 use super::blocks::{Gathering, OutputRow, RowLayout, Sink};
 use super::error::Divergence;
-use super::observation::Observation;
+use super::trajectory::Observation;
 use super::trajectory::Trajectory;
 use crate::dynamics::Layout;
 use equations::{Equations, Part, partition};
@@ -27,8 +26,7 @@ use response::Values;
 use std::ops::Range;
 use subsystem::{Subsystem, steps_of_a_block};
 
-pub(super) use transition::Intervals;
-pub(super) use transition::Method;
+pub(super) use transition::{Intervals, Method};
 
 /// Subsystems up to this size are worth their full matrices whatever the steps are.
 const FEW_STATES: usize = 24;
