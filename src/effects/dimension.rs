@@ -46,9 +46,6 @@ struct Solver<'a> {
     lets: HashMap<String, Measure>,
 }
 
-/// Lets that are looked through, one in the other.
-const NESTED: usize = 16;
-
 impl Solver<'_> {
     fn lines(&mut self) {
         let effect = self.effect;
@@ -138,7 +135,8 @@ impl Solver<'_> {
         let value = match declaration.filter(|d| d.unit.is_none()).and_then(|_| value_of_let(&self.subject.tree, name))
         {
             // lets that stand in each other more deeply have no unit here
-            Some(value) if self.depth < NESTED => {
+            // lets that are looked through, one in the other
+            Some(value) if self.depth < 16 => {
                 self.depth += 1;
                 let found = self.value(value);
                 self.depth -= 1;

@@ -19,15 +19,11 @@ pub struct Root {
     pub simple: bool,
 }
 
-/// Steps of the QR algorithm for each row.
-const STEPS: usize = 200;
-/// Entries from here on have no squares, by which balancing would never end.
-const LARGEST: f64 = 1e150;
-
 /// The matrix balanced, and by what its rows were scaled; none where entries are too large.
 fn balanced(a: &DMatrix<f64>) -> Option<(DMatrix<f64>, DVector<f64>)> {
     let mut balanced = a.clone();
-    let held = a.iter().all(|v| v.abs() < LARGEST);
+    // entries from here on have no squares, by which balancing would never end
+    let held = a.iter().all(|v| v.abs() < 1e150);
     held.then(|| {
         let scale = balance_parlett_reinsch(&mut balanced);
         (balanced, scale)
@@ -41,7 +37,8 @@ fn schur(mut a: DMatrix<f64>) -> Option<Schur<f64, nalgebra::Dyn>> {
     }
     // entries so small that their products underflow stop the iteration
     a.iter_mut().filter(|v| v.abs() < scale * 1e-150).for_each(|v| *v = 0.0);
-    let steps = STEPS * a.nrows().max(1);
+    // steps of the QR algorithm for each row
+    let steps = 200 * a.nrows().max(1);
     Schur::try_new(a, f64::EPSILON, steps)
 }
 

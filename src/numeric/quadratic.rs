@@ -19,9 +19,6 @@ pub const RANK: f64 = 1e-9;
 /// Eigenvalues of products below this share of the largest count as zero: their rounding allows no less.
 const RANK_OF_PRODUCTS: f64 = 1e-12;
 
-/// Unknowns from which eigenvalues are too slow where a factor does.
-const MANY: usize = 64;
-
 /// Condition of the Jacobian below which a factor of products has lost at most half of its digits.
 const WELL: f64 = 1e4;
 
@@ -122,7 +119,8 @@ impl Inverse {
     /// By a factor, where many unknowns are all determined well: nothing is left to be decided by eigenvalues.
     fn of_definite(chosen: &[usize], entry: impl Fn(usize, usize) -> f64) -> Option<Self> {
         let n = chosen.len();
-        if n < MANY {
+        // unknowns from which eigenvalues are too slow where a factor does
+        if n < 64 {
             return None;
         }
         let matrix: Vec<f64> = (0..n * n).map(|k| entry(k / n, k % n)).collect();

@@ -237,9 +237,6 @@ impl Initials {
     }
 }
 
-/// Names that a hint lists.
-const MOST_NAMES: usize = 4;
-
 /// The output whose record `measured(argument)` is: the output itself, or the only one that is the named state.
 pub(super) fn output(scope: &Scope<'_>, argument: ExprRef, span: Span) -> Result<SymbolId, Option<Diagnostic>> {
     let Expr::Name(name) = scope.tree.expr(argument) else {
@@ -260,7 +257,8 @@ pub(super) fn output(scope: &Scope<'_>, argument: ExprRef, span: Span) -> Result
             }
             several => {
                 let names: Vec<String> =
-                    several.iter().take(MOST_NAMES).map(|s| format!("`{}`", scope.symbols[*s].name())).collect();
+                    // names that a hint lists
+                    several.iter().take(4).map(|s| format!("`{}`", scope.symbols[*s].name())).collect();
                 let message = format!("the state `{name}` is measured by several outputs: {}", names.join(", "));
                 Err(told(message, format!("name one: `measured({})`", scope.symbols[several[0]].name())))
             }

@@ -42,9 +42,6 @@ struct Resolver<'a, 'b> {
     findings: &'b mut Vec<Diagnostic>,
 }
 
-/// Further places of an unknown name that are shown.
-const MOST_PLACES: usize = 8;
-
 impl<'a> Resolver<'a, '_> {
     fn name(&mut self, name: &'a str, span: Span) -> Meaning {
         match name {
@@ -132,7 +129,8 @@ fn another_place(finding: &mut Diagnostic, span: Span) {
     let first = finding.span.min(span);
     let later = finding.span.max(span);
     finding.span = first;
-    if finding.labels.len() < MOST_PLACES {
+    // further places of an unknown name that are shown
+    if finding.labels.len() < 8 {
         finding.labels.push(Label { span: later, text: "and here".into() });
     }
 }

@@ -7,7 +7,7 @@
 //! Tangents are propagated forward, one leaf at a time, because a choice (`if`, `min`, `abs`) must choose between
 //! derivatives: a reverse sweep would multiply the branch not taken by zero, and zero times infinity is NaN
 //! (`if x > 0 then sqrt(x) else 0` at x = 0). Structural zeros never become nodes. Where sweeps of all leaves would come over the
-//! same long ways again and again, a way behind which nothing chooses is gone once for all of them (`funnels.rs`).
+//! same long ways again and again, a way behind which nothing chooses is gone once for all of them (`Funnels`).
 //!
 //! Where rates have kinks: the switching functions of `max`, `min`, `abs` and `if`, whose sign says which branch counts.
 //!
@@ -449,8 +449,6 @@ fn sum(graph: &mut Graph, a: Option<ExprId>, b: Option<ExprId>) -> Option<ExprId
 
 /// No node: ways part before the roots, or end in one.
 const NONE: u32 = u32::MAX;
-/// Steps towards the roots, for each node, in search of the funnels; what is not found then is swept over.
-const PATIENCE: usize = 64;
 
 /// The nearest funnel of each node (its immediate postdominator), and the derivatives that are known.
 struct Funnels {
@@ -470,7 +468,8 @@ impl Funnels {
         let nodes = sweep.users.nodes();
         let (next, chosen, last) = (vec![NONE; nodes], vec![false; nodes], vec![(NONE, None); nodes]);
         let mut funnels = Self { next, chosen, last, columns: BTreeMap::new() };
-        let (mut steps, one) = (PATIENCE * nodes, graph.number(1.0));
+        // steps towards the roots, for each node, in search of the funnels; what is not found then is swept over
+        let (mut steps, one) = (64 * nodes, graph.number(1.0));
         for k in (0..nodes).rev().filter(|k| depends[*k]) {
             let users = sweep.users.of(k as u32);
             let chooses = |u: &u32| match graph.node(ExprId(*u)) {

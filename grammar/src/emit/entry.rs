@@ -213,8 +213,6 @@ pub(super) fn functions<'p>(programs: impl IntoIterator<Item = &'p Program>) -> 
     instructions.map(|i| function(i.op)).filter(|name| !name.is_empty()).collect()
 }
 
-/// Instructions and results of a piece; compilers take more than proportional time over longer functions.
-const LONGEST: usize = 1_000;
 /// Most values that wait at a time: half a mebibyte.
 pub(super) const MOST_PLACES: u32 = 1 << 16;
 
@@ -240,7 +238,8 @@ pub(super) struct Pieces {
 
 impl Pieces {
     pub(super) fn new(program: &Program) -> Result<Self, TooLong> {
-        Self::of(program, LONGEST)
+        // instructions and results of a piece; compilers take more than proportional time over longer functions
+        Self::of(program, 1_000)
     }
 
     /// Every result is written where its value is computed; those that are no values stand at the end.

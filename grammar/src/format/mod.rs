@@ -2,8 +2,8 @@
 //!
 //! **In** a [`Source`] that fits the grammar. **Out** the same words and comments in the same order, laid out; or why not.
 //! **Never** looks at a syntax tree, so that comments and new statements come free, and never changes a word: the result is
-//! read again and compared. **Start** at [`format()`]: `pieces.rs` makes words and comments of the text, `lines.rs` cuts them
-//! into statements and lines, `wrap.rs` breaks lines that are too long, `columns.rs` and `matrices.rs` line up neighbours.
+//! read again and compared. **Start** at [`format()`]: `lines.rs` makes words and comments of the text, cuts them
+//! into statements and lines and breaks those that are too long, `columns.rs` lines up neighbours.
 
 mod columns;
 mod lines;
@@ -19,8 +19,6 @@ use lines::Piece;
 pub const WIDTH: usize = 120;
 /// Spaces by which the inside of braces is moved.
 const STEP: usize = 2;
-/// Most layouts of a text after the first.
-const ROUNDS: usize = 5;
 
 /// Why a text is left as it is.
 #[derive(Debug, Clone)]
@@ -46,7 +44,8 @@ pub fn format(source: &Source) -> Result<String, Refusal> {
 /// it elsewhere (behind a name that is longer than a line).
 fn settled(text: &str) -> String {
     let mut laid_out = layout(text);
-    for _ in 0..ROUNDS {
+    // most layouts of a text after the first
+    for _ in 0..5 {
         let again = layout(&laid_out);
         if again == laid_out {
             break;

@@ -3,7 +3,7 @@
 //! **In** an expanded tree and the model that it was checked to. **Out** [`Requirements`]: what must be measured at the model ([`Measure`]: of its
 //! modes, its linear responses, its responses to standard inputs), and a model without states whose inputs are these measures and whose outputs are
 //! the requirements. So names, units and derivatives of the expressions are those of the language. **Never** computes a measure: that is for
-//! whoever has numbers. **Start** at [`Requirements`]; the functions are in `forms.rs`.
+//! whoever has numbers. **Start** at [`Requirements`]; the functions are in its table.
 //!
 //! The functions that stand in requirements: one table for the reader, messages and documentation.
 
@@ -332,9 +332,4 @@ impl Function {
 /// Every function of requirements and how a call is written, standard inputs behind them.
 pub fn forms() -> impl Iterator<Item = (&'static str, &'static str)> {
     FUNCTIONS.iter().map(|f| (f.name, f.form)).chain(DRIVES.iter().map(|(name, form, _)| (*name, *form)))
-}
-
-/// Whether a function measures something at a model.
-pub fn is_measure(name: &str) -> bool {
-    Function::find(name).is_some()
 }

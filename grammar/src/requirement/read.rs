@@ -1,4 +1,4 @@
-//! Reads requirements: each call of a function of `forms.rs` becomes a measure, and a name that stands for it; what is left are expressions of params,
+//! Reads requirements: each call of a function of `mod.rs` becomes a measure, and a name that stands for it; what is left are expressions of params,
 //! which are checked as those of a model.
 
 use super::{Argument, Asks, DRIVES, FUNCTIONS, Function};

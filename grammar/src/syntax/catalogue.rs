@@ -16,8 +16,6 @@ use std::ops::Range;
 const TEXT_LIMIT: usize = 1 << 20;
 /// Most words, numbers and signs in a text of effects.
 const TOKEN_LIMIT: usize = 200_000;
-/// Brackets and `if`s inside each other.
-const NESTING_LIMIT: usize = 32;
 /// Most effects in one text.
 const EFFECT_LIMIT: usize = 1000;
 /// Words with which a line of an effect begins.
@@ -221,7 +219,8 @@ impl<'a> Reader<'a> {
                 Kind::Keyword if word == "if" => choices += 1,
                 _ => {}
             }
-            if open.len() + choices > NESTING_LIMIT {
+            // brackets and `if`s inside each other
+            if open.len() + choices > 32 {
                 return Some(Fault::TooDeep(at));
             }
         }

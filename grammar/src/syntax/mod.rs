@@ -3,7 +3,7 @@
 //! **In** a [`crate::Source`]. **Out** a [`SyntaxTree`], exactly as written. **Never** meaning: names are not looked up.
 //! **Start** at [`parse`] in `recover.rs`: `scan.rs` makes tokens, `outline.rs` finds the statements in them, `parse.rs`,
 //! the only file that sees the grammar's rules, reads each statement, `slips.rs` says what cannot be read,
-//! `expected.rs` and `hints.rs` what should stand there and what was meant; `print.rs` leads back to text, `mathml.rs` to typeset mathematics. Effects are read
+//! `expected.rs` what should stand there and what was meant; `print.rs` leads back to text, `mathml.rs` to typeset mathematics. Effects are read
 //! from texts of their own, by [`parse_effects`] in `catalogue.rs`.
 
 mod catalogue;

@@ -91,9 +91,6 @@ pub fn combinations(
     sums.into_iter().map(combination).collect()
 }
 
-/// Products of more factors keep the order in which they were written.
-const MOST_FACTORS: usize = 64;
-
 /// The product of two regressors.
 fn product(graph: &mut Graph, a: ExprId, b: ExprId) -> ExprId {
     let mut factors = Vec::new();
@@ -109,7 +106,8 @@ fn product(graph: &mut Graph, a: ExprId, b: ExprId) -> ExprId {
 fn collect(graph: &Graph, e: ExprId, factors: &mut Vec<ExprId>) -> bool {
     let mut open = vec![e];
     while let Some(e) = open.pop() {
-        if factors.len() + open.len() > MOST_FACTORS {
+        // products of more factors keep the order in which they were written
+        if factors.len() + open.len() > 64 {
             return false;
         }
         match graph.node(e) {

@@ -31,9 +31,6 @@ pub(crate) struct Output {
     pub(crate) columns: Vec<String>,
 }
 
-/// The least number whose logarithm is taken.
-const LEAST: f64 = 1e-300;
-
 /// The scale on which numbers are compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Scale {
@@ -230,7 +227,8 @@ impl<'a> Observable<'a> {
         let formula = self.formula.clone().with(&by);
         let formula = match self.scale.function() {
             // samples that nothing is compared with may be 0, and have no logarithm
-            Some(function) => Expr::Call(function, vec![Expr::Call("max", vec![formula, Expr::Number(LEAST)])]),
+            // the least number whose logarithm is taken
+            Some(function) => Expr::Call(function, vec![Expr::Call("max", vec![formula, Expr::Number(1e-300)])]),
             None => formula,
         };
         let output = Output {

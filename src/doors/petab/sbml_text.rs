@@ -39,9 +39,6 @@ impl Identifiers {
     }
 }
 
-/// Levels of an expression that stand in one formula.
-const DEEPEST: u32 = 30;
-
 /// A model on its way to text.
 pub(crate) struct Sbml<'a> {
     model: &'a Model,
@@ -180,7 +177,8 @@ impl<'a> Sbml<'a> {
             };
             let operands = self.model.graph.operands(e);
             self.depths[e.index()] = operands.iter().map(|a| self.depths[a.index()] + 1).max().unwrap_or(0);
-            let shared = self.readers[e.index()] > 1 || self.depths[e.index()] > DEEPEST;
+            // levels of an expression that stand in one formula
+            let shared = self.readers[e.index()] > 1 || self.depths[e.index()] > 30;
             if e != root && shared && matches!(node, Node::Apply(..)) && !self.is_condition(e) {
                 let own = self.ids.fresh("part");
                 self.assign(&own, &math);

@@ -17,9 +17,6 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 /// Points whose values and derivatives a thread remembers for a unit.
 const POINTS: usize = 8;
 
-/// Instances that a thread keeps of a unit at most: each has parameters of its own.
-const MOST_INSTANCES: usize = 256;
-
 /// Lengths of steps that differences try at the start values, relative to the size of the argument.
 const STEPS: [f64; 4] = [1e-3, 1e-4, 1e-5, 1e-6];
 
@@ -253,7 +250,8 @@ impl Unit {
         let k = match found {
             Some(k) => k,
             None => {
-                let most = (1 + 4 * parameters.len()).clamp(2, MOST_INSTANCES);
+                // instances that a thread keeps of a unit at most: each has parameters of its own
+                let most = (1 + 4 * parameters.len()).clamp(2, 256);
                 let oldest = (0..pool.instances.len()).min_by_key(|k| pool.instances[*k].used);
                 let spare = oldest.filter(|_| pool.instances.len() >= most).map(|k| pool.instances.swap_remove(k));
                 let (mut instance, fresh) = match spare {

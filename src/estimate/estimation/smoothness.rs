@@ -29,16 +29,12 @@ use fdm_system::simulate::{Simulator, Steps};
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
-/// Most choices of weights before the last one is taken.
-const MOST_ROUNDS: usize = 40;
 /// Relative change of every weight at which they count as chosen: a weight is known to a factor at best.
 const SETTLED: f64 = 0.01;
 /// A weight whose axis bends by fewer effective parameters than this is as good as infinite.
 const STRAIGHT: f64 = 0.01;
 /// Times the weight at which prior and data say as much: no weight is further away than this factor.
 const FURTHEST: f64 = 1e8;
-/// Part of the largest eigenvalue of a penalty below which one is zero by rounding.
-const ZERO: f64 = 1e-9;
 
 /// The smooth tables of a problem.
 pub(crate) struct SmoothTables<'t> {
@@ -161,7 +157,8 @@ impl<'t> SmoothTable<'t> {
         // which directions the penalties know of is not for the weights to say
         let known = balanced.symmetric_eigen();
         let most = known.eigenvalues.iter().copied().fold(0.0, f64::max);
-        let kept: Vec<usize> = (0..n).filter(|k| known.eigenvalues[*k] > ZERO * most).collect();
+        // part of the largest eigenvalue of a penalty below which one is zero by rounding
+        let kept: Vec<usize> = (0..n).filter(|k| known.eigenvalues[*k] > 1e-9 * most).collect();
         let basis = known.eigenvectors.select_columns(&kept);
         let inside = basis.transpose() * &weighted * &basis;
         let Some(inverse) = inside.cholesky().map(|c| c.inverse()) else {
@@ -246,7 +243,8 @@ fn choose_for(
     let mut weights = if begun { problem.smoothness.clone() } else { balance.clone() };
     let mut last: Vec<f64> = vec![0.0; weights.len()];
     let mut settled = false;
-    for _ in 0..MOST_ROUNDS {
+    // most choices of weights before the last one is taken
+    for _ in 0..40 {
         // what is wrong with the last estimation it tells itself
         let Some((bound, values)) = search.estimate(problem, &weights, work) else { break };
         search.unknowns.start = values;

@@ -403,16 +403,6 @@ impl<'e, 'a> NormalEquations<'e, 'a> {
         Ok(())
     }
 
-    /// v'R^-1 v at `values`, by a simulation without sensitivities; those of the last evaluation stay.
-    ///
-    /// # Errors
-    /// [`NotFinite`] for the first run that fails.
-    pub fn squares_at(&mut self, values: &[f64]) -> Result<f64, NotFinite> {
-        self.evaluator.evaluate(values, Want::Response).map_err(|f| NotFinite { run: f.run })?;
-        let q = self.weights.len();
-        Ok(self.weights.iter().enumerate().map(|(o, weight)| weight * self.evaluator.moments[o * q + o]).sum())
-    }
-
     /// J'R^-1 J (P by P), of the last evaluation.
     pub fn information(&self) -> &[f64] {
         &self.information

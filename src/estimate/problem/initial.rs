@@ -14,12 +14,9 @@ use fdm_system::dynamics::{Dynamics, Layout, Point, Workspace};
 use fdm_system::record::Run;
 use nalgebra::{DMatrix, DVector};
 
-/// Corrections before a nonlinear output is given up.
-const CORRECTIONS: usize = 20;
-
 /// Start values of all parameters (p) for one run: their own, except that a free initial state is guessed
 /// from the first measured value of an output that shows this state and no other (`y = x`, `y = k x + c`, `y = tan(x)`).
-/// Where some state is shown by no output so, all of them are found together from smoothed outputs and their slopes (`unobserved_states.rs`); what these
+/// Where some state is shown by no output so, all of them are found together from smoothed outputs and their slopes; what these
 /// do not tell begins at rest.
 pub fn initial_guess(params: &[Param], dynamics: &dyn Dynamics, run: &Run) -> Vec<f64> {
     let mut theta: Vec<f64> = params.iter().map(|p| p.value).collect();
@@ -77,7 +74,8 @@ fn invert(
     // a run without the records that drive the model is refused by whoever simulates it
     drive[..m].copy_from_slice(run.inputs.get(sample * m..(sample + 1) * m)?);
     let mut out = vec![0.0; layout.output_slots()];
-    for _ in 0..CORRECTIONS {
+    // corrections before a nonlinear output is given up
+    for _ in 0..20 {
         for (d, signal) in layout.delayed.iter().enumerate() {
             drive[m + d] = match *signal {
                 Signal::State(k) => x[k as usize],

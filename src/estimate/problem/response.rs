@@ -201,9 +201,6 @@ enum Degree {
     Curved,
 }
 
-/// Visits of expressions after which no further parameter is tried: giant models are not worth more.
-const MOST_VISITS: usize = 20_000_000;
-
 /// A set of free parameters, gathered in their order, in which all outputs are jointly affine. A state is affine when
 /// its equation and its initial value are: the states of linear equations are affine in what multiplies their inputs,
 /// not in what multiplies their states.
@@ -211,7 +208,8 @@ pub(crate) fn affine(model: &Model) -> Vec<usize> {
     let mut chosen = vec![false; model.params.len()];
     let mut visits = 0;
     for k in (0..chosen.len()).filter(|k| !model.params[*k].fixed) {
-        if visits > MOST_VISITS {
+        // visits of expressions after which no further parameter is tried: giant models are not worth more
+        if visits > 20_000_000 {
             break;
         }
         chosen[k] = true;

@@ -1,4 +1,4 @@
-//! Many starts: a fit from each, what came out of it, and which of them is the best. Where they lie is said in `spread.rs`.
+//! Many starts: a fit from each, what came out of it, and which of them is the best.
 //!
 //! Where many starts lie: the given one first, then a scrambled Sobol sequence (Owen scrambling after Burley 2020) over the
 //! parameters' ranges.

@@ -34,8 +34,6 @@ const ROUNDS: [(usize, usize); 3] = [(4, 8), (16, 16), (64, 60)];
 const LAST: usize = 30;
 /// Implicit steps between samples for a start that the steps of the given one do not suit, or that would take more of them.
 const IMPLICIT: usize = 4;
-/// Steps of all runs, times states and sensitivities to each parameter, beyond which fewer candidates are drawn.
-const MOST_WORK: usize = 1 << 20;
 
 /// The start with a number from 0; the same for every count of starts and of threads. A search that is stopped gives what it has.
 pub(crate) fn screened(attempt: &Attempt<'_>, spread: &Spread<'_>, number: usize) -> Vec<Vec<f64>> {
@@ -77,7 +75,9 @@ impl Crowd<'_> {
         let operations = self.operations(&own).max(1);
         let count = (CANDIDATES * spread.dimensions())
             .min(MOST_CANDIDATES)
-            .min(MOST_CANDIDATES * MOST_WORK / operations)
+            // steps of all runs, times states and sensitivities to each parameter, beyond which fewer candidates are
+            // drawn
+            .min(MOST_CANDIDATES * (1 << 20) / operations)
             .max(1);
         let drawn = |k: usize| if k == 0 { own.clone() } else { spread.instead(number, k) };
         let mut members: Vec<Member> = (0..count)

@@ -118,8 +118,6 @@ pub(crate) fn shoot(attempt: &Attempt<'_>, shooting: Shooting) -> Result<Fit, Fi
 
 /// Part of a unit of the logarithm of the likelihood; below it, estimates differ by a part of their standard errors.
 const NEGLIGIBLE: f64 = 0.1;
-/// Rounding of a cost that is summed over many cells, as a part of it.
-const ROUNDING: f64 = 64.0 * f64::EPSILON;
 
 /// Whether the fit of the uncut model has kept what shooting had found.
 fn as_good(polished: &Estimate, cut: &Estimate) -> bool {
@@ -505,7 +503,8 @@ impl WithoutCuts<'_> {
     /// parameters under the constraint that there are no gaps.
     pub(crate) fn of(&self, estimate: Estimate, gaps: f64) -> Estimate {
         // beside gaps this large the rest is rounding: a cost of -4.6e18 was one
-        let lost = estimate.cost.is_some() && gaps.abs() * ROUNDING > NEGLIGIBLE;
+        // rounding of a cost that is summed over many cells, as a part of it
+        let lost = estimate.cost.is_some() && gaps.abs() * (64.0 * f64::EPSILON) > NEGLIGIBLE;
         let cost = estimate.cost.map(|c| c - gaps).filter(|_| !lost);
         let own = |name: &str| self.params.param(name).is_some();
         let kept: Vec<usize> = (0..estimate.parameters.len())

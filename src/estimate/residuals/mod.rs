@@ -9,7 +9,7 @@ pub(crate) mod autocovariance;
 pub(crate) mod autoregression;
 mod diebold_mariano;
 pub(crate) mod noise_variation;
-mod whiteness;
+pub(crate) mod whiteness;
 
 pub use analysis::{
     Baseline, Distribution, OutputFit, OutputQuality, Signals, TicParts, add_squares, compared, residual_quality,

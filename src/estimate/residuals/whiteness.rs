@@ -19,7 +19,7 @@ const LAGS: usize = 25;
 /// Fewest compared samples for a test.
 const FEWEST: usize = 10;
 /// Residuals count as coloured below this p-value.
-const SIGNIFICANT: f64 = 0.01;
+pub(crate) const SIGNIFICANT: f64 = 0.01;
 
 /// Autocorrelation of the residuals about their mean, and what it says.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]

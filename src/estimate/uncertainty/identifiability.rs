@@ -6,7 +6,7 @@ use fdm_numeric::quadratic::Inverse;
 use serde::{Deserialize, Serialize};
 
 /// Part of a parameter in an undetermined direction above which the parameter is not determined.
-const PART: f64 = 1e-4;
+pub(super) const PART: f64 = 1e-4;
 
 /// Parts that differ by less, relative to the larger one, are equal but for rounding.
 const ALIKE: f64 = 1e-6;

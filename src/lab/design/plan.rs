@@ -298,8 +298,6 @@ impl Question<'_> {
 const LEAD: f64 = 0.05;
 /// Lengths of each form, by equal factors.
 const LENGTHS: usize = 8;
-/// Samples of the shortest unit.
-const SHORTEST: f64 = 2.0;
 /// Part of the run that the longest doublet's half and 3211's unit take: what follows shows how the vehicle settles.
 const LONGEST_HALF: f64 = 0.25;
 const LONGEST_UNIT: f64 = 0.11;
@@ -337,7 +335,8 @@ pub(super) fn survey(question: &Question<'_>) -> Vec<Manoeuvre> {
 
 /// Units of time from the shortest to a part of the run, in whole samples, each once.
 fn lengths(question: &Question<'_>, longest: f64) -> Vec<f64> {
-    let (first, last) = (SHORTEST, longest * question.duration / question.dt);
+    // samples of the shortest unit
+    let (first, last) = (2.0, longest * question.duration / question.dt);
     let ratio = (last / first).max(1.0);
     let mut samples: Vec<f64> =
         (0..LENGTHS).map(|k| (first * ratio.powf(k as f64 / (LENGTHS - 1) as f64)).round()).collect();

@@ -60,7 +60,7 @@ impl Kind {
     }
 
     /// The result of a whole command among what is kept.
-    pub fn whole(kept: &dyn fdm_estimate::CheckpointStore) -> Option<Vec<u8>> {
+    pub fn whole(kept: &dyn CheckpointStore) -> Option<Vec<u8>> {
         kept.find(WHOLE).ok().flatten()
     }
 }

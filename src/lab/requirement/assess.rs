@@ -37,8 +37,6 @@ pub struct Draws {
     pub seed: u64,
 }
 
-/// Parameters that are named as those on which a requirement depends most.
-const NAMED: usize = 3;
 /// A linear law is believed as long as neither end of the interval of the draws is further from that of the linear law than this part of its half width.
 const BENT: f64 = 0.15;
 /// So many draws are made first. Where a requirement is linear by half of [`BENT`] at these, no more are needed.
@@ -168,7 +166,8 @@ fn assessment(
             .filter(|part| part.share.is_finite() && part.share.abs() > 0.01)
             .collect();
         parts.sort_by(|a, b| b.share.abs().total_cmp(&a.share.abs()));
-        parts.truncate(NAMED);
+        // parameters that are named as those on which a requirement depends most
+        parts.truncate(3);
         assessment.parts = parts;
     }
     if drawn.values.is_empty() {

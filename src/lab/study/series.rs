@@ -19,8 +19,6 @@ pub const REPEATS: &str = "repeats";
 pub const FORM: u8 = 2;
 /// Least time between two states that are kept.
 const PAUSE: Duration = Duration::from_secs(1);
-/// How much longer the work is than the keeping of it.
-const SHARE: u32 = 20;
 
 /// Repeats 0 to `count`, by `once` (none when it was interrupted), which `came` is told, by number; those that the work has kept are
 /// not made again. What is missing in the end was interrupted.
@@ -103,7 +101,8 @@ impl<'k> Shelf<'k> {
             let _ = keeper.keep(REPEATS, &bytes);
             state.fresh = false;
         }
-        state.next = begun + PAUSE.max(SHARE * begun.elapsed());
+        // how much longer the work is than the keeping of it
+        state.next = begun + PAUSE.max(20 * begun.elapsed());
     }
 
     fn close(self) -> Vec<Option<Repeat>> {

@@ -13,7 +13,7 @@ const TILE: usize = 256;
 /// Rows of a product that are found together.
 const ROWS: usize = 16;
 /// Order from which threads are worth starting.
-const THREADED: usize = 256;
+pub(super) const THREADED: usize = 256;
 
 /// What is added up: `factor(r, k)` times the row `from(k)`, for k from 0 to `count`.
 pub(super) struct Terms<A, F> {
@@ -140,9 +140,7 @@ fn add_product((a, inner): (&[f64], usize), (b, n): (&[f64], usize), upper: bool
 }
 
 /// Order from which the widest registers are worth choosing.
-const WIDE: usize = 64;
-/// Squares of columns below this are zero: on the way to the smallest numbers a reflection loses its digits and overflows.
-const NOTHING: f64 = 1e-280;
+pub(super) const WIDE: usize = 64;
 
 /// Reduces `block` (rows by width, row-major) into the upper triangle `triangle` (order by width), so that
 /// triangle' triangle grows by block' block. The block is overwritten. Only the first `order` columns are meant;
@@ -170,7 +168,9 @@ fn reflect(triangle: &mut [f64], order: usize, block: &mut [f64], width: usize, 
             *v = block[b * width + j];
             square += *v * *v;
         }
-        if square < NOTHING {
+        // squares of columns below this are zero: on the way to the smallest numbers a reflection loses its digits
+        // and overflows
+        if square < 1e-280 {
             continue;
         }
         let row = &mut triangle[j * width..(j + 1) * width];

@@ -19,8 +19,6 @@ use fdm_system::model::Model;
 use fdm_system::record::Run;
 use serde::{Deserialize, Serialize};
 
-/// Blocks of a run over which densities are summed.
-const BLOCKS: usize = 20;
 /// Draws of the bootstrap, and their seed.
 const DRAWS: usize = 1000;
 const SEED: u64 = 1;
@@ -108,7 +106,8 @@ fn by_criterion(candidates: &[Candidate]) -> Option<Vec<f64>> {
 /// Weights by validation runs; none where less than two results predict with a known noise.
 fn by_validation(predictions: &[Prediction], inflation: f64) -> Option<Vec<f64>> {
     let densities: Vec<Option<Vec<f64>>> =
-        predictions.iter().map(|p| if p.converged { p.densities(BLOCKS) } else { None }).collect();
+        // blocks of a run over which densities are summed
+        predictions.iter().map(|p| if p.converged { p.densities(20) } else { None }).collect();
     let blocks = densities.iter().flatten().map(Vec::len).min()?;
     let same = densities.iter().flatten().all(|d| d.len() == blocks);
     if blocks == 0 || !same || densities.iter().flatten().count() < 2 {

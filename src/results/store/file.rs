@@ -12,9 +12,6 @@ use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 use std::{fs, io};
 
-/// Links that lead on to links are followed so often.
-const MOST_LINKS: usize = 40;
-
 /// Writes a file whole, in the place of what stands there: a reader finds the one or the other, and so does everybody after an
 /// interruption at any moment. A link stays a link, and permissions stay. Devices and pipes are written as they are.
 ///
@@ -67,7 +64,8 @@ pub fn clock_of(folder: &Path) -> Option<SystemTime> {
 /// Those of the file system; links that lead back.
 pub fn end_of_links(path: &Path) -> io::Result<PathBuf> {
     let mut place = path.to_path_buf();
-    for _ in 0..MOST_LINKS {
+    // links that lead on to links are followed so often
+    for _ in 0..40 {
         match fs::read_link(&place) {
             Ok(next) => place = place.parent().unwrap_or(Path::new("")).join(next),
             Err(_) => return Ok(place),

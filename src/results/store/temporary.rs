@@ -13,8 +13,6 @@ use tempfile::TempDir;
 
 const MARK: &str = ".fdm-";
 const ENDING: &str = ".new";
-/// Bytes of a name that go into that of its successor; file systems take 255.
-const LONGEST: usize = 180;
 
 /// The place of a successor that is not finished, in a folder, of what is called `name` there; of the folder itself when the name
 /// is empty.
@@ -27,7 +25,8 @@ pub(super) fn place(folder: &Path, name: &OsStr) -> PathBuf {
 
 fn beginning(name: &OsStr) -> String {
     let name = name.to_string_lossy();
-    let end = name.char_indices().map(|(k, c)| k + c.len_utf8()).take_while(|end| *end <= LONGEST).last().unwrap_or(0);
+    // bytes of a name that go into that of its successor; file systems take 255
+    let end = name.char_indices().map(|(k, c)| k + c.len_utf8()).take_while(|end| *end <= 180).last().unwrap_or(0);
     let stop = if end == 0 { "" } else { "." };
     format!("{stop}{}{MARK}", &name[..end])
 }

@@ -36,9 +36,6 @@ const TRIALS: usize = 4;
 /// Operations that may be spent: a fraction of a second, so that checking stays quicker than compiling.
 const BUDGET: usize = 10_000_000;
 
-/// Budgets that one point may take leaf by leaf; beyond, all leaves are moved at once.
-const BUDGETS: usize = 4;
-
 /// Directions in which all leaves of a large model are moved at once.
 const DIRECTIONS: usize = 6;
 
@@ -168,7 +165,8 @@ impl<'a> Comparison<'a> {
     fn is_large(&self) -> bool {
         let s = self.schedule;
         let plain = [&s.prepare, &s.rates, &s.outputs].map(|p| p.instructions.len()).into_iter().sum::<usize>();
-        (plain + self.sides.equations()).saturating_mul(self.sides.leaves()) > BUDGETS * BUDGET
+        // budgets that one point may take leaf by leaf; beyond, all leaves are moved at once
+        (plain + self.sides.equations()).saturating_mul(self.sides.leaves()) > 4 * BUDGET
     }
 
     /// Moves all leaves at once, in random directions: what a step finds is the sum of all partials of an equation along the direction, structural

@@ -20,8 +20,6 @@
 use super::events::{Follower, LOOKS, Search, Stretch, between, root};
 use crate::dynamics::{Dynamics, Layout, Point, Step, Workspace};
 
-/// Most cuts of one step; behind them the rest is one part.
-const MOST_CUTS: usize = 100;
 /// How far from an instant it is looked for a jump there, as a part of the step: the root of rounding, where all conditions have changed.
 const BESIDE: f64 = 1.5e-8;
 /// Rates jump where they differ so near to each other by more than this part of their size over the step: without a jump that is about
@@ -86,7 +84,8 @@ impl Cuts {
         self.left.fill(false);
         self.passed.fill(false);
         let (mut begin, mut cuts) = (0.0, 0);
-        while cuts < MOST_CUTS
+        // most cuts of one step; behind them the rest is one part
+        while cuts < 100
             && let Some((at, turn)) = self.earliest(stretch, begin, work)
         {
             self.search.part(stretch, (begin, at), (cuts > 0, true), work, follower);

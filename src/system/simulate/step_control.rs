@@ -36,12 +36,17 @@ const SHRINKING: f64 = 0.2;
 const SAFETY: f64 = 0.9;
 /// A step that has no solution is cut to this part.
 const CUT: f64 = 0.25;
-/// Shortest step as a part of its interval.
-const SHORTEST: f64 = 1e-14;
-/// Shortest step as a part of its interval while sizes are measured.
-const SHORTEST_MEASURING: f64 = 1e-6;
-/// Differences below this part of a value are rounding.
-const ROUNDING: f64 = 1e-14;
+
+/// The next step, as a multiple of one with this error.
+pub fn step_factor(scheme: Scheme, tolerance: f64, error: f64) -> f64 {
+    let exponent = 1.0 / f64::from(scheme.order() + 1);
+    (SAFETY * (tolerance / error.max(f64::MIN_POSITIVE)).powf(exponent)).clamp(SHRINKING, GROWTH)
+}
+
+/// What a step is shortened to whose error was too large, or that has no solution.
+pub fn shortened(scheme: Scheme, tolerance: f64, error: Option<f64>) -> f64 {
+    error.map_or(CUT, |error| step_factor(scheme, tolerance, error).min(0.8))
+}
 
 impl Scales {
     pub(super) fn new(states: usize, outputs: usize) -> Self {
@@ -60,7 +65,8 @@ impl Scales {
     /// Largest difference, as a part of its scale.
     fn error(&self, coarse: (&[f64], &[f64]), fine: (&[f64], &[f64])) -> f64 {
         let part = |scale: f64, a: f64, b: f64| {
-            let difference = (a - b).abs() - ROUNDING * b.abs();
+            // differences below this part of a value are rounding
+            let difference = (a - b).abs() - 1e-14 * b.abs();
             if difference > 0.0 {
                 difference / scale.max(f64::MIN_POSITIVE)
             } else if difference.is_nan() {
@@ -109,7 +115,8 @@ pub(super) fn measure(probe: &mut Probe<'_>, mut scales: Scales, most: usize) ->
                 begin = end;
             } else {
                 length *= CUT;
-                if length < SHORTEST_MEASURING {
+                // shortest step as a part of its interval while sizes are measured
+                if length < 1e-6 {
                     return scales;
                 }
             }
@@ -181,21 +188,22 @@ impl March {
             let end = self.reach(begin, whole);
             let length = whole * (end - begin);
             self.attempts = self.attempts.checked_sub(1)?;
-            if ends.len() >= most || end - begin < SHORTEST || from + whole * begin + length <= from + whole * begin {
+            // shortest step as a part of its interval
+            if ends.len() >= most || end - begin < 1e-14 || from + whole * begin + length <= from + whole * begin {
                 return None;
             }
             let past = probe.past();
             let error = self.attempt(probe, interval, (begin, end));
             let after = probe.past();
             let Some(error) = error.filter(|e| *e <= self.tolerance) else {
-                let factor = error.map_or(CUT, |e| self.factor(e).min(0.8));
+                let factor = shortened(self.scheme, self.tolerance, error);
                 self.wanted = length * factor;
                 resume(probe, past.as_ref());
                 continue;
             };
             // what the frozen steps will give, and its collocation polynomial: the coarse step's
             resume(probe, after.as_ref());
-            let longer = length * self.factor(error);
+            let longer = length * step_factor(self.scheme, self.tolerance, error);
             self.wanted = if length < self.wanted { self.wanted.max(longer) } else { longer };
             self.x.copy_from_slice(&self.coarse);
             self.scales.include(&self.x, &self.y);
@@ -217,11 +225,6 @@ impl March {
         } else {
             begin + part
         }
-    }
-
-    fn factor(&self, error: f64) -> f64 {
-        let exponent = 1.0 / f64::from(self.scheme.order() + 1);
-        (SAFETY * (self.tolerance / error.max(f64::MIN_POSITIVE)).powf(exponent)).clamp(SHRINKING, GROWTH)
     }
 
     /// The error of a step, its end in `coarse`; none when one of the three steps cannot be taken. The probe's past is then that of

@@ -30,8 +30,6 @@ use std::ops::Range;
 /// are spent on finding entries. Fewer where many rows lie between two stages.
 const VECTORS: usize = 8;
 const VECTORS_OF_MANY: usize = 4;
-/// Rows between the stages from which they are many: five arrays of them leave the innermost cache.
-const MANY: usize = 16;
 
 /// Where the four stages' partials stand, and what of S they can reach.
 #[derive(Debug, Clone)]
@@ -129,7 +127,8 @@ impl TangentPlan {
             let mut vectors = run.min(VECTORS);
             let mut states = states_of(vectors);
             let mut tile = self.shape(layout, &mut states, &mut shapes);
-            if tile.ring > MANY && VECTORS_OF_MANY < vectors {
+            // rows between the stages from which they are many: five arrays of them leave the innermost cache
+            if tile.ring > 16 && VECTORS_OF_MANY < vectors {
                 vectors = VECTORS_OF_MANY;
                 states = states_of(vectors);
                 tile = self.shape(layout, &mut states, &mut shapes);

@@ -393,8 +393,6 @@ impl Window {
 
 /// Largest |rho| between different frequencies that counts as none.
 const APART: f64 = 1e-6;
-/// Part of a cycle by which frequencies that are one cycle apart may miss it.
-const ROUNDED: f64 = 1e-6;
 /// Most frequencies at unequal distances.
 const MOST_UNEVEN: usize = 4096;
 
@@ -402,7 +400,8 @@ const MOST_UNEVEN: usize = 4096;
 /// in the record they repeat each other.
 pub fn independent(omega: &[f64], duration: f64) -> f64 {
     let span = |pair: &[f64]| match (pair[1] - pair[0]) * duration / TAU {
-        apart if apart > 1.0 - ROUNDED => 1.0,
+        // part of a cycle by which frequencies that are one cycle apart may miss it
+        apart if apart > 1.0 - 1e-6 => 1.0,
         apart => apart,
     };
     omega.first().map_or(0.0, |_| 1.0) + omega.windows(2).map(span).sum::<f64>()

@@ -2,7 +2,7 @@
 //!
 //! **In** a tree with shapes. **Out** one in which every name is a number, every equation one of numbers; zeros that stand
 //! in a matrix never become terms. **Never** more than the budget allows. **Start** at [`flatten`]: `declared.rs` knows what
-//! is a vector, `value.rs`, `products.rs` and `rotations.rs` what expressions are worth, `statements.rs` writes the elements.
+//! is a vector, `value.rs` and `products.rs` what expressions are worth, `statements.rs` writes the elements.
 //!
 //! What later rooms say about every element of a vector, said once about the vector.
 

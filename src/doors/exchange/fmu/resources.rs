@@ -22,8 +22,6 @@ use std::path::{Path, PathBuf};
 pub(super) const TEXT: &str = "model.fdm";
 /// Everything else, beside it.
 pub(super) const REST: &str = "model.json";
-/// Longer files are none of ours.
-const MOST_BYTES: u64 = 256 << 20;
 
 /// A model as a unit keeps it.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -89,7 +87,8 @@ impl Resources {
             let path = folder.join(name);
             let length = std::fs::metadata(&path).map(|m| m.len());
             let text = match length {
-                Ok(length) if length > MOST_BYTES => Err("is too long".to_string()),
+                // longer files are none of ours
+                Ok(length) if length > (256 << 20) => Err("is too long".to_string()),
                 _ => std::fs::read_to_string(&path).map_err(|e| e.to_string()),
             };
             text.map_err(|reason| ResourcesError::Unreadable { path, reason })
@@ -204,14 +203,12 @@ fn suited(model: &Model) -> Result<(), FmuError> {
     Ok(())
 }
 
-/// Larger libraries hold debug information, and are stored: packing them would take longer than they are kept.
-const MOST_PACKED: usize = 32 << 20;
-
 fn packed(files: &Files) -> Result<Vec<u8>, FmuError> {
     let mut archive = ZipArchiveWriter::new(Vec::new());
     for (name, bytes) in files {
         // the description's stamp is to stand in the first bytes of the file
-        if name == DESCRIPTION || bytes.len() > MOST_PACKED {
+        // larger libraries hold debug information, and are stored: packing them would take longer than they are kept
+        if name == DESCRIPTION || bytes.len() > (32 << 20) {
             let (mut entry, config) = archive.new_file(name.as_str()).start()?;
             let mut data = config.wrap(&mut entry);
             data.write_all(bytes)?;

@@ -17,8 +17,6 @@ type Call = unsafe extern "C" fn(i32, *const f64, *mut f64) -> i32;
 type Ask<'a> = dyn Fn(i32, &[f64], &mut [f64]) -> i32 + 'a;
 
 const CALL: &str = "fdm_verified_recursion";
-/// Samples of the record.
-const SAMPLES: usize = 300;
 
 const VALUES: &str = "estimates";
 const ERRORS: &str = "standard errors";
@@ -139,7 +137,8 @@ fn record(model: &Model, estimator: &RecursiveEstimator) -> Run {
         stated: Vec::new(),
         output_gaps: vec![0; q],
     };
-    for _ in 0..SAMPLES {
+    // samples of the record
+    for _ in 0..300 {
         run.time.push(t);
         run.inputs.extend(&u);
         run.measured.extend(&y);

@@ -41,10 +41,6 @@ pub struct FilterFit {
 
 /// Changes of the likelihood's logarithm by halved steps that are of no consequence to any estimate.
 const FINE: f64 = 1e-4;
-/// Most steps between samples.
-const MOST: usize = 256;
-/// Looks at the steps.
-const ROUNDS: usize = 3;
 /// Information about the logarithm of an intensity below which the record does not notice it.
 const SILENT: f64 = 0.05;
 
@@ -91,7 +87,8 @@ pub fn fit_filter(
         history.append(&mut found.history);
         values.clone_from(&found.values);
         let stopped = work.stop_after(&found.termination).is_some() || options.per_interval.is_some();
-        if !stopped && round < ROUNDS {
+        // looks at the steps
+        if !stopped && round < 3 {
             let finer = chosen(&setting, &values, steps.first().map_or(1, Steps::most))?;
             if finer != steps {
                 steps = finer;
@@ -111,7 +108,8 @@ fn chosen(setting: &Setting<'_>, values: &[f64], least: usize) -> Result<Vec<Ste
         Ok(setting.likelihood(&equal(count))?.evaluate(values, false).unwrap_or(f64::NAN))
     };
     let (mut count, mut before) = (least.max(1), cost(least.max(1))?);
-    while count < MOST {
+    // most steps between samples
+    while count < 256 {
         let after = cost(2 * count)?;
         if (after - before).abs() < FINE {
             break;

@@ -133,13 +133,11 @@ pub(super) struct Coordinates {
     pub(super) upper: Vec<f64>,
 }
 
-/// Least part of its start value that an unknown in logarithms goes down to.
-const LEAST: f64 = 1e-12;
-
 impl Coordinates {
     pub(super) fn new(logarithmic: Vec<bool>, lower: &[f64], upper: &[f64], start: &[f64]) -> Self {
         let bound = |j: usize, bound: f64| match logarithmic[j] {
-            true => bound.max(LEAST * start[j]).ln(),
+            // least part of its start value that an unknown in logarithms goes down to
+            true => bound.max(1e-12 * start[j]).ln(),
             false => bound,
         };
         let lower = lower.iter().enumerate().map(|(j, b)| bound(j, *b)).collect();

@@ -116,8 +116,6 @@ impl Problem for InnovationsCost<'_, '_> {
     }
 }
 
-/// Steps that are remembered.
-const REMEMBERED: usize = 12;
 /// Standard errors of a step beyond which the cost is no quadratic, and what was met before belongs elsewhere.
 const NEAR: f64 = 1.0;
 /// Curvature along a step below this part of what its lengths promise is rounding, or none that a minimum has.
@@ -153,7 +151,8 @@ impl GradientMemory {
             if errors.fold(0.0, f64::max) > NEAR {
                 self.steps.clear();
             } else if along > LEAST * lengths && along.is_finite() {
-                if self.steps.len() == REMEMBERED {
+                // steps that are remembered
+                if self.steps.len() == 12 {
                     self.steps.pop_front();
                 }
                 self.steps.push_back(Step { moved, change });

@@ -31,9 +31,6 @@ use nalgebra::DMatrix;
 use num_complex::Complex64;
 use std::sync::PoisonError;
 
-/// Steps of the simulation that says which nodes of tables were visited.
-const STEPS_OF_TABLES: usize = 2;
-
 /// Measured and modelled spectra of one run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RunSpectrum {
@@ -192,7 +189,8 @@ pub fn fit_spectra(
         }
     }
     let seen = fit.finish.as_ref().map(|finish| after(&fit.model, runs, &finish.estimate, &theta));
-    let steps = vec![Steps::equal(Scheme::default(), STEPS_OF_TABLES); runs.len()];
+    // steps of the simulation that says which nodes of tables were visited
+    let steps = vec![Steps::equal(Scheme::default(), 2); runs.len()];
     add_tables(&mut fit.estimate, &fit.model, runs, seen.as_ref().unwrap_or(&theta), &steps);
     Ok(fit)
 }

@@ -215,8 +215,6 @@ const FEWEST: usize = 32;
 const MOST_KEPT: f64 = 0.98;
 /// Places in the uppermost quarter at which a density is averaged.
 const PLACES: usize = 16;
-/// Halvings of what is kept.
-const HALVINGS: usize = 40;
 
 /// An AR(1) process in its stationary state.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -288,7 +286,8 @@ fn kept(too_little: impl Fn(f64) -> bool) -> f64 {
     if !too_little(low) {
         return low;
     }
-    for _ in 0..HALVINGS {
+    // halvings of what is kept
+    for _ in 0..40 {
         let middle = 0.5 * (low + high);
         if too_little(middle) { low = middle } else { high = middle }
     }

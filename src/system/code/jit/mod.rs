@@ -29,12 +29,6 @@ mod translate;
 
 /// Most instructions and results of a program that is compiled.
 const LONGEST: usize = 30_000;
-/// Most instructions and results of a program that is compiled four times over, as one step.
-const LONGEST_STAGE: usize = 1_500;
-/// Most numbers in the frame of a function: it must fit on the stack of any thread.
-const LARGEST_FRAME: u32 = 16_000;
-/// Stack of the thread that compiles; pages that are not touched cost nothing.
-const STACK: usize = 64 << 20;
 
 impl From<cranelift_module::ModuleError> for JitError {
     fn from(e: cranelift_module::ModuleError) -> Self {
@@ -140,7 +134,8 @@ impl Jit {
             return None;
         }
         let plan = Plan::new(program, self.schedule.layout.states.min(program.results.len()));
-        if plan.frame > LARGEST_FRAME {
+        // most numbers in the frame of a function: it must fit on the stack of any thread
+        if plan.frame > 16_000 {
             return None;
         }
         self.define(|module| {
@@ -178,7 +173,8 @@ impl Jit {
         let layout = &self.schedule.layout;
         let rates = program.results.iter().take(layout.states).enumerate().filter(|(i, r)| r.slot as usize == *i);
         if !program.calls.is_empty()
-            || size(program) > LONGEST_STAGE
+            // most instructions and results of a program that is compiled four times over, as one step
+            || size(program) > 1_500
             || rates.count() < layout.states
             || !is_inside(program, layout)
         {
@@ -281,7 +277,8 @@ impl Dynamics for Jit {
 /// Runs on a thread with a stack for the compiler; a panic there becomes an error.
 fn apart<T: Send>(make: impl FnOnce() -> T + Send) -> Result<T, JitError> {
     std::thread::scope(|scope| {
-        let thread = std::thread::Builder::new().name("compile model".into()).stack_size(STACK);
+        // stack of the thread that compiles; pages that are not touched cost nothing
+        let thread = std::thread::Builder::new().name("compile model".into()).stack_size(64 << 20);
         thread.spawn_scoped(scope, make)?.join().map_err(|_| JitError::Panicked)
     })
 }

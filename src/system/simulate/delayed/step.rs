@@ -23,11 +23,6 @@ use fdm_grammar::graph::Signal;
 use fdm_numeric::dense::lu::{Lu, Rounded};
 use fdm_numeric::lanes::{Aligned, Simd, WithSimd, accumulate, dispatch};
 
-/// Newton iterations of one step before it counts as failed.
-const MOST_CORRECTIONS: usize = 40;
-/// Iterations that are enough for all but noise, as a rule.
-const USUAL_CORRECTIONS: usize = 6;
-
 /// An entry of f_delay.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Entry {
@@ -177,14 +172,16 @@ impl DelayedStates {
         let (h, failed) = (trajectory.grid.step(k).1, diverged(&trajectory.grid, k, None));
         self.predict(trajectory, k);
         let mut last = false;
-        for count in 0..MOST_CORRECTIONS {
+        // newton iterations of one step before it counts as failed
+        for count in 0..40 {
             self.place(trajectory, k);
             self.evaluate(trajectory, k);
             finite(&trajectory.grid, k, two_nodes(&mut trajectory.nodes, k).1)?;
             self.residual(trajectory, k);
             self.factor(h);
             let rounding = || self.size(trajectory, k) <= 2.0 * f64::EPSILON;
-            if last || rounding() || (count > USUAL_CORRECTIONS && self.is_noise(trajectory, k)) {
+            // iterations that are enough for all but noise, as a rule
+            if last || rounding() || (count > 6 && self.is_noise(trajectory, k)) {
                 return Ok(());
             }
             self.lu.solve(&mut self.correction);
