@@ -1,7 +1,7 @@
 //! The start of each of many fits: one that can be simulated and, where ranges span decades, the best of a crowd.
 //!
 //! A draw out of many decades is far from everything, and a fit from there ends where the response has died away. So many are drawn, compared by their
-//! [`magnitudes`], improved a little, thinned, improved more (successive halving: Jamieson and Talwalkar 2016); the last few go on by what is fitted.
+//! magnitudes, improved a little, thinned, improved more (successive halving: Jamieson and Talwalkar 2016); the last few go on by what is fitted.
 //!
 //! What is compared while starts are looked for that lie decades apart: magnitudes, `asinh(y / 2 s)` with a level s for each output, which are linear up to the
 //! level and logarithms beyond it (Johnson 1949).
