@@ -10,7 +10,7 @@ use fdm_exchange::daveml::tables;
 use fdm_exchange::fmu::{self, Contents, Version};
 use fdm_exchange::jsbsim::system;
 use fdm_exchange::recursive::recursive_source;
-use fdm_exchange::source::source;
+use fdm_exchange::stamp::source;
 use fdm_exchange::state_space::StateSpace;
 use fdm_grammar::emit::{Elementary, Language};
 use fdm_lab::requirement::with_estimates;

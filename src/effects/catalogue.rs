@@ -2,9 +2,9 @@
 
 use super::candidate::{Candidate, Crowded, Places};
 use super::conditions::fits;
-use super::definition::Effect;
-use super::probe;
 use super::subject::{Subject, Target};
+use crate::conditions::Effect;
+use crate::null;
 use fdm_grammar::diagnostic::{Code, Diagnostic};
 use fdm_grammar::source::Source;
 use fdm_grammar::syntax::{Class, Field, SlotKind, parse_effects};
@@ -15,11 +15,6 @@ pub const STANDARD: &str = include_str!("../../models/effects.fdm");
 
 /// Most places of one effect; what is beyond is told, not tried.
 const MOST_PLACES: usize = 2000;
-/// Most combinations of targets that are looked at for one effect.
-const MOST_LOOKED_AT: usize = 1_000_000;
-
-/// Most places of an effect of one field, where no field was chosen: it is searched where that costs little.
-const CHEAP: usize = 40;
 
 /// Effects by the order of their texts.
 #[derive(Debug, Clone, Default)]
@@ -38,7 +33,7 @@ impl Catalogue {
             let Some(effect) = Effect::check(tree, &mut findings) else { continue };
             if let Some(finding) = catalogue.rival(&effect) {
                 findings.push(finding);
-            } else if let Err(finding) = probe::check(&effect) {
+            } else if let Err(finding) = null::check(&effect) {
                 findings.push(finding);
             } else {
                 catalogue.effects.push(Arc::new(effect));
@@ -97,7 +92,9 @@ impl Catalogue {
                 _ if !self.fields.is_empty() || effect.fields().is_empty() => MOST_PLACES,
                 // what is flexible imitates much, and is asked for by who knows what it is
                 Class::StandIn => 0,
-                _ => CHEAP,
+                // most places of an effect of one field, where no field was chosen: it is searched where that costs
+                // little
+                _ => 40,
             };
             places_of(effect, subject, (&targets, limit), &mut places);
         }
@@ -151,7 +148,8 @@ fn places_of(
             at[slot + 1..].fill(0);
         }
         let ended = next.is_none();
-        if ended || looked == MOST_LOOKED_AT {
+        // most combinations of targets that are looked at for one effect
+        if ended || looked == 1_000_000 {
             if found > limit || !ended {
                 // none, rather than those that come first
                 let tried = if limit < MOST_PLACES { 0 } else { limit };

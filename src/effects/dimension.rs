@@ -1,8 +1,8 @@
 //! Units of what an effect brings, from the equations it enters: solved for, line by line, until nothing more follows.
 
-use super::definition::Effect;
 use super::subject::{Balance, Subject, derived, value_of_let};
 use super::turnover::Turnover;
+use crate::conditions::Effect;
 use fdm_grammar::syntax::{BinarySign, EffectLine, Expr, ExprRef, StatementKind, SyntaxTree, Value};
 use fdm_grammar::unit::Unit;
 use std::collections::{BTreeMap, HashMap};
@@ -45,9 +45,6 @@ struct Solver<'a> {
     /// What names of the model were found to be measured in.
     lets: HashMap<String, Measure>,
 }
-
-/// Lets that are looked through, one in the other.
-const NESTED: usize = 16;
 
 impl Solver<'_> {
     fn lines(&mut self) {
@@ -138,7 +135,8 @@ impl Solver<'_> {
         let value = match declaration.filter(|d| d.unit.is_none()).and_then(|_| value_of_let(&self.subject.tree, name))
         {
             // lets that stand in each other more deeply have no unit here
-            Some(value) if self.depth < NESTED => {
+            // lets that are looked through, one in the other
+            Some(value) if self.depth < 16 => {
                 self.depth += 1;
                 let found = self.value(value);
                 self.depth -= 1;

@@ -9,27 +9,22 @@
 mod candidate;
 mod catalogue;
 mod conditions;
-mod definition;
 mod dimension;
 mod edit;
-mod extension;
 pub mod forced;
-mod names;
 mod null;
-mod probe;
 mod rewrite;
 mod scales;
 mod soundness;
-mod start_values;
 mod subject;
 #[cfg(test)]
 mod tests;
 mod turnover;
 
+pub use crate::candidate::{Extension, NewParam};
+pub use crate::conditions::{Effect, Kind};
 pub use candidate::{Candidate, Choice, Crowded, Places};
 pub use catalogue::{Catalogue, STANDARD};
-pub use definition::{Effect, Kind};
-pub use extension::{Extension, NewParam};
 pub use fdm_grammar::syntax::Field;
 pub use null::Null;
 pub use scales::{Beginning, Nominal, Scales};

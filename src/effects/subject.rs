@@ -2,7 +2,7 @@
 
 use super::conditions::are_alike;
 use super::turnover::{Turnover, Turnovers};
-use fdm_grammar::check::matching::Matching;
+use fdm_grammar::check::equations::Matching;
 use fdm_grammar::diagnostic::Diagnostic;
 use fdm_grammar::gather;
 use fdm_grammar::graph::{Graph, Leaf, Node, Signal};
@@ -305,7 +305,8 @@ impl Subject {
     /// Species that the constant of a rate turns over in one way, in the order of the states. What it makes and does not measure as what it consumes, such as
     /// the temperature that heat of a reaction raises, is no species.
     pub(super) fn species(&self, param: &str, turnover: Turnover) -> Vec<&str> {
-        let states = || self.model.states.iter().map(|s| s.quantity.name.as_str()).filter(|x| self.balance(x).is_some());
+        let states =
+            || self.model.states.iter().map(|s| s.quantity.name.as_str()).filter(|x| self.balance(x).is_some());
         let consumed = states().find(|x| self.turnover(param, x) == Some(Turnover::Consumed));
         let alike = |x: &&str| turnover == Turnover::Consumed || consumed.is_none_or(|c| are_alike(self, c, x));
         states().filter(|x| self.turnover(param, x) == Some(turnover)).filter(alike).collect()

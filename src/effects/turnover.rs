@@ -12,8 +12,6 @@ const DRAWS: u64 = 400;
 /// Powers of ten between which states and inputs are drawn.
 const LOWEST: f64 = -1.0;
 const HIGHEST: f64 = 3.0;
-/// Relative difference by rounding.
-const ROUNDING: f64 = 1e-9;
 
 /// What becomes of a state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -71,7 +69,8 @@ fn turnover(model: &Model, param: usize, state: usize) -> Option<Turnover> {
     let change = |absent: Option<usize>, seed: u64| {
         let (with, without) = (value(Some(param), absent, seed), value(None, absent, seed));
         let size = with.abs() + without.abs();
-        if (with - without).abs() <= ROUNDING * size { 0.0 } else { with - without }
+        // relative difference by rounding
+        if (with - without).abs() <= 1e-9 * size { 0.0 } else { with - without }
     };
     let (mut found, mut sign, mut vanishes) = (0, 0.0, true);
     for seed in 0..DRAWS {

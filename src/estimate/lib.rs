@@ -25,27 +25,28 @@ mod tests;
 mod uncertainty;
 mod work;
 
-pub use crate::methods::equation_error;
+pub use crate::estimation::{BiasCorrection, Estimate, ParameterEstimate, RunFit, Smoothing, Status, Symmetric};
+pub use crate::examined::unexplained::FewSamples;
+pub use crate::iteration::evaluation::{NormalEquations, NotFinite};
+pub use crate::methods::output_error::error::FitDefect;
+pub use crate::methods::output_error::fit::IntegrationFault;
+pub use crate::methods::output_error::options::Attempt;
+pub use crate::methods::{Identified, IdentifyError, METHODS, equation_error, identify, option_names, takes_option};
+pub use crate::problem::noise::Degeneracy;
+pub use crate::problem::unknowns::{ChangeError, Changes, DerivedName, DerivedQuantities};
+pub use crate::recovery::segmented_response::is_lost_at_start;
 pub use crate::residuals::OutputFit;
 pub use crate::residuals::autoregression::{AutoRegression, LevinsonDurbin};
-pub use estimation::estimate::{BiasCorrection, Estimate, ParameterEstimate, RunFit, Smoothing, Status, Symmetric};
-pub use examined::few_samples::FewSamples;
 pub use examined::input_interpolation::{EstimateMove, InputInterpolation};
 pub use fdm_numeric::halt::{Halt, Stop};
 pub use fdm_numeric::least_squares::{Fallback, Iteration};
-pub use iteration::normal_equations::{NormalEquations, NotFinite};
-pub use methods::combinations::{METHODS, option_names, takes_option};
 pub use methods::equation_error::best_iterate::{BestIterate, BestOptions, Criterion, best_iterate};
 pub use methods::filter_error::{FilterError, FilterFit, fit_filter};
-pub use methods::identify::{Identified, IdentifyError, identify};
-pub use methods::output_error::attempt::Attempt;
-pub use methods::output_error::defect::FitDefect;
 pub use methods::output_error::error::{FitError, StrategyError};
 pub use methods::output_error::fit::{
     Continuity, Fit, LengthFit, NoiseOfSamples, Recovery, RecoveryStrategy, Reweighting, Variation, Weight,
 };
 pub use methods::output_error::initial_conditions::{fit_from_initial_conditions, initial_values};
-pub use methods::output_error::integration_fault::IntegrationFault;
 pub use methods::output_error::loss::Loss;
 pub use methods::output_error::options::{
     Continuation, FitOptions, FrequencyOptions, MultiStart, SharedSteps, Shooting,
@@ -55,9 +56,6 @@ pub use methods::output_error::single::{changed, starts};
 pub use methods::responses::{
     PairFit, ResponseError, ResponseFit, ResponseOptions, Sensitivity, fit_responses, responses_of_fit,
 };
-pub use problem::changes::{ChangeError, Changes};
-pub use problem::degenerate::Degeneracy;
-pub use problem::derived::{DerivedName, DerivedQuantities};
 pub use problem::initial::initial_guess;
 pub use problem::method::{Domain, Method, Optimizer, SmoothBy, StartValues};
 pub use problem::noise::Noise;
@@ -67,12 +65,12 @@ pub use problem::response::{
 };
 pub use problem::{Options, Problem, ProblemError, ProblemRun};
 pub use recovery::confidence::{LengthSensitivity, by_confidence};
-pub use recovery::free_response::is_lost_at_start;
 pub use recovery::multi_start::StartSearch;
 pub use uncertainty::information::{Information, NoInformation};
 
+pub use crate::estimation::smoothness::{NodeEstimate, TableAxis, TableEstimate, Unvisited, unvisited};
+pub use crate::work::{Reason, Termination};
 pub use estimation::solve::{estimate, estimate_from};
-pub use estimation::table_nodes::{NodeEstimate, TableAxis, TableEstimate, Unvisited, unvisited};
 pub use examined::doubted_initials::{DoubtedInitial, DoubtedInitials, MovedParameter};
 pub use examined::unexplained::Unexplained;
 pub use methods::spectra::{
@@ -87,5 +85,4 @@ pub use uncertainty::parameters::quantile;
 pub use uncertainty::sandwich::{NoiseColour, Uncorrected};
 pub use uncertainty::sensitivity_rows::LONG_RUN;
 pub use uncertainty::spectral_colour::SpectralColour;
-pub use work::termination::{Reason, Termination};
 pub use work::{CheckpointStore, Observer, StartSummary, Work};

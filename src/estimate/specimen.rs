@@ -1,7 +1,7 @@
 //! Models in closed form for tests, and reproducible noise.
 
-use crate::problem::derived::DerivedQuantities;
 use crate::problem::response::{Response, RunResponse, TimeResponse};
+use crate::problem::unknowns::DerivedQuantities;
 use crate::problem::{Problem, ProblemRun};
 use fdm_grammar::model::{Origin, Param, Quantity};
 pub(super) use fdm_numeric::random::Normal;

@@ -12,15 +12,13 @@ use std::fmt;
 use std::ops::Range;
 use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
-/// Plans above this length are not kept: their tables are as large as the series.
-const LONGEST_KEPT: usize = 1 << 16;
-
 /// Plans by length.
 type Plans<T> = LazyLock<Mutex<BTreeMap<usize, T>>>;
 
 /// What is planned for series of a length.
 fn planned<T: Clone>(kept: &Plans<T>, length: usize, plan: impl FnOnce() -> T) -> T {
-    if length > LONGEST_KEPT {
+    // plans above this length are not kept: their tables are as large as the series
+    if length > (1 << 16) {
         return plan();
     }
     kept.lock().unwrap_or_else(PoisonError::into_inner).entry(length).or_insert_with(plan).clone()

@@ -9,8 +9,8 @@
 //! What a cost is made of is the [`Problem`]'s: measured minus simulated outputs, innovations of a filter, spectra in a frozen noise.
 
 use crate::active_set::{StepBounds, constrained, constrained_among};
+use crate::quadratic::Secant;
 use crate::quadratic::{Inverse, Quadratic};
-use crate::secant::Secant;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::ops::ControlFlow;

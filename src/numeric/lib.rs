@@ -14,5 +14,4 @@ pub mod least_squares;
 pub mod parallel;
 pub mod quadratic;
 pub mod random;
-pub mod secant;
 pub mod statistics;

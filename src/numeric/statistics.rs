@@ -2,7 +2,7 @@
 //!
 //! Parameters that belong to no distribution (degrees of freedom that are not positive, NaN) give none.
 
-use statrs::distribution::{Beta, ChiSquared, Continuous, ContinuousCDF, FisherSnedecor, Gamma, Normal, StudentsT};
+use statrs::distribution::{Beta, ChiSquared, Continuous, ContinuousCDF, FisherSnedecor, Normal, StudentsT};
 
 /// Probability of a standard normal deviate below `z`.
 pub fn normal_cdf(z: f64) -> f64 {
@@ -47,11 +47,6 @@ pub fn chi_squared_quantile(p: f64, degrees: f64) -> Option<f64> {
 /// Probability of a variate of Fisher's F distribution above `value`, for numerator and denominator degrees of freedom.
 pub fn f_tail(value: f64, [numerator, denominator]: [f64; 2]) -> Option<f64> {
     FisherSnedecor::new(numerator, denominator).ok().map(|law| law.sf(value))
-}
-
-/// Probability of a gamma variate of unit scale above `value`.
-pub fn gamma_tail(value: f64, shape: f64) -> Option<f64> {
-    Gamma::new(shape, 1.0).ok().map(|law| law.sf(value))
 }
 
 /// The value that a beta variate of the shapes `[a, b]` stays below with probability `p`.
@@ -106,7 +101,6 @@ mod tests {
         near(chi_squared_tail(18.307, 10.0), 0.05);
         near(chi_squared_quantile(0.95, 10.0), 18.307);
         near(f_tail(3.326, [5.0, 10.0]), 0.05);
-        near(gamma_tail(9.1535, 5.0), 0.05);
         near(beta_quantile(0.5, [2.0, 2.0]), 0.5);
         near(Student::new(10.0).map(|law| law.quantile(0.975)), 2.228);
         near(Student::new(10.0).map(|law| law.tail(2.228_139)), 0.025);

@@ -39,9 +39,6 @@ pub(super) const MOST_WORK: usize = 4_000_000;
 /// Fewer products are always possible.
 const FEW: usize = 1000;
 
-/// What is lost to rounding, relative to what was subtracted.
-const ROUNDING: f64 = 1e-12;
-
 /// A pivot smaller than this part of its column loses digits.
 const THRESHOLD: f64 = 0.01;
 
@@ -129,7 +126,8 @@ fn pivot(graph: &Graph, rows: &[Row], left: &[usize], start: &Start<'_>) -> Resu
             let (users, largest) = columns[state];
             let value = start.value(entry.expr).abs();
             // what is not known at the start may be anything
-            if value <= ROUNDING * entry.scale || value == 0.0 || value < THRESHOLD * largest {
+            // what is lost to rounding, relative to what was subtracted
+            if value <= 1e-12 * entry.scale || value == 0.0 || value < THRESHOLD * largest {
                 continue;
             }
             let kind = match graph.constant(entry.expr) {

@@ -1,13 +1,13 @@
 //! Builds the graph: the nodes of the text in order of definition, each name replaced by what it stands for.
 
+use super::beginnings;
 use super::beginnings::Builder;
+use super::beginnings::Initials;
 use super::delays::{Delays, MOST_DELAYED};
-use super::derivatives::{Derivatives, Twice};
+use super::delays::{Derivatives, Twice};
 use super::functions::Function;
-use super::initials::Initials;
 use super::kinds::Kinds;
 use super::order::{Block, Blocks, Owner};
-use super::records;
 use super::scope::{Meaning, Scope, SymbolId};
 use super::substitution::{Obstacle, Substitution};
 use super::tables::{Method, Tables};
@@ -64,7 +64,7 @@ impl Indices {
         }
         indices.params = params;
         // hidden inputs stand behind the declared ones
-        records::taken(meanings).into_iter().for_each(|s| indices.record[s] = Some(next(&mut inputs)));
+        beginnings::taken(meanings).into_iter().for_each(|s| indices.record[s] = Some(next(&mut inputs)));
         (indices.states, indices.inputs) = (states, inputs);
         indices
     }

@@ -11,26 +11,21 @@ mod argument_units;
 mod beginnings;
 mod declarations;
 mod delays;
-mod derivatives;
 mod elimination;
-mod equations;
-mod events;
+pub mod equations;
 mod expressions;
 mod functions;
 mod influence;
-mod initials;
 mod interpolation;
 mod kinds;
 mod knowledge;
 mod limits;
-pub mod matching;
 mod measures;
 mod model;
 mod names;
 mod order;
 mod rates;
 mod reach;
-mod records;
 mod remedies;
 mod scope;
 mod start;
@@ -38,9 +33,7 @@ mod stated;
 mod substitution;
 mod tables;
 mod ties;
-mod unchecked;
 mod units;
-mod unsolved;
 
 #[cfg(test)]
 mod tests;
@@ -98,7 +91,7 @@ fn passes(tree: &SyntaxTree, findings: &mut Vec<Diagnostic>) -> Option<Model> {
     let start = model::start(&params);
     let limits = limits::read(scope, &kinds, &indices, &expressions, &known, &start, findings);
     let rates = rates::solve(scope, &equations, &kinds, &indices, &mut expressions, (&params, &limits), findings);
-    let resets = events::read(scope, &kinds, &indices, &mut expressions, &known, findings);
+    let resets = limits::read_event(scope, &kinds, &indices, &mut expressions, &known, findings);
     let mut knowledge = knowledge::values(scope, &kinds, &indices, &expressions, &known, findings);
     knowledge.resets = resets;
     start::check(scope, &kinds, &expressions, &known, &start, findings);
@@ -123,8 +116,8 @@ fn passes(tree: &SyntaxTree, findings: &mut Vec<Diagnostic>) -> Option<Model> {
     }
     let ties = model::ties(&blocks, &indices, &expressions);
     let model = model::assemble(scope, &rates, &kinds, &indices, expressions, (params, ties), knowledge);
-    events::without_delays(scope, &model, findings);
-    records::circular(scope, &model, findings);
+    limits::without_delays(scope, &model, findings);
+    beginnings::circular(scope, &model, findings);
     let tied = ties::tied(scope, &model, &bonds, findings);
     influence::without_influence(scope, &blocks, &meanings, &tied, findings);
     (!findings.iter().any(Diagnostic::is_error)).then_some(model)

@@ -1,8 +1,8 @@
 //! What each name and each call in the text stands for.
 
+use super::beginnings;
 use super::functions::{self, Function, argument_count};
 use super::order::Blocks;
-use super::records;
 use super::scope::{LONGEST_GUESS, Meaning, Scope, Symbol};
 use super::tables;
 use crate::diagnostic::{Code, Diagnostic, Label};
@@ -41,9 +41,6 @@ struct Resolver<'a, 'b> {
     unknown: HashMap<&'a str, usize>,
     findings: &'b mut Vec<Diagnostic>,
 }
-
-/// Further places of an unknown name that are shown.
-const MOST_PLACES: usize = 8;
 
 impl<'a> Resolver<'a, '_> {
     fn name(&mut self, name: &'a str, span: Span) -> Meaning {
@@ -115,7 +112,7 @@ impl<'a> Resolver<'a, '_> {
             return Meaning::Broken;
         }
         if function == Function::Measured {
-            return match records::output(self.scope, arguments[0], span) {
+            return match beginnings::output(self.scope, arguments[0], span) {
                 Ok(output) => Meaning::Record(output),
                 Err(finding) => {
                     self.findings.extend(finding);
@@ -132,7 +129,8 @@ fn another_place(finding: &mut Diagnostic, span: Span) {
     let first = finding.span.min(span);
     let later = finding.span.max(span);
     finding.span = first;
-    if finding.labels.len() < MOST_PLACES {
+    // further places of an unknown name that are shown
+    if finding.labels.len() < 8 {
         finding.labels.push(Label { span: later, text: "and here".into() });
     }
 }

@@ -2,7 +2,7 @@
 //! still to be found.
 
 use super::delays::Delays;
-use super::derivatives::Derivatives;
+use super::delays::Derivatives;
 use crate::graph::{Graph, Leaf, Node, Signal};
 use crate::op::{Args, Build, ExprId, Op};
 use std::collections::{BTreeMap, HashMap};
@@ -28,9 +28,6 @@ pub(super) enum Obstacle {
     /// The sums are too long.
     TooLong,
 }
-
-/// Most terms that sums of one model may have together.
-const MOST_TERMS: usize = 4_000_000;
 
 /// Builds a graph anew while derivatives become known.
 pub(super) struct Substitution<'a> {
@@ -120,7 +117,8 @@ impl<'a> Substitution<'a> {
                 Node::Apply(op, args) => self.applied(op, args, &forms)?,
             };
             self.terms += form.terms.len();
-            if self.terms > MOST_TERMS {
+            // most terms that sums of one model may have together
+            if self.terms > 4_000_000 {
                 return Err(Obstacle::TooLong);
             }
             if form.terms.is_empty() {

@@ -3,17 +3,17 @@
 //! Numbers keep the units that were declared: nothing is converted silently inside a model.
 
 use super::argument_units;
+use super::beginnings;
 use super::equations::Equation;
 use super::expressions::Expressions;
 use super::functions::Function;
 use super::kinds::{Kinds, Level};
 use super::measures::{Measure, Measures, OutOfRange, factor_between};
 use super::order::{Block, Blocks, Owner};
-use super::records;
 use super::remedies;
+use super::remedies::{Ledger, Survey};
 use super::scope::{Meaning, Scope, SymbolId};
 use super::stated::{Known, Part};
-use super::unchecked::{Ledger, Survey};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::op::Op;
 use crate::source::Span;
@@ -377,7 +377,7 @@ impl Pass<'_, '_, '_> {
     /// The record of an output is in the output's declared unit; without one, in that of the state that it is.
     fn record(&mut self, output: SymbolId) -> Measure {
         let scope = self.checked.scope;
-        match (declared(scope, &mut self.measures, output), records::state_shown(scope, output)) {
+        match (declared(scope, &mut self.measures, output), beginnings::state_shown(scope, output)) {
             (Measure::Unknown(_), Some(state)) => self.symbols[state],
             (measure, _) => measure,
         }

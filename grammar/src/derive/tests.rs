@@ -1,6 +1,6 @@
 //! Both ways to the derivatives give the same numbers, choices included, and neither swells.
 
-use super::sweep::Sweep;
+use super::Sweep;
 use crate::graph::{Graph, Leaf};
 use crate::op::{Build, ExprId, Op};
 

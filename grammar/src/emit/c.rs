@@ -2,8 +2,8 @@
 
 use super::TooLong;
 use super::entry::{Array, Body, Entry, entries, functions};
-use super::identifier::{c_string, distinct, plain};
 use super::notation::{CNotation, Notation, is_exact};
+use super::notation::{c_string, distinct, plain};
 use super::tables::{described, groups, patterns, places, signals, sizes, title, unit};
 use crate::model::Model;
 use crate::schedule::{Program, Schedule};

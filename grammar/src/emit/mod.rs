@@ -10,9 +10,7 @@
 
 mod c;
 mod entry;
-mod identifier;
 mod notation;
-mod pieces;
 mod rust;
 mod tables;
 #[cfg(test)]
@@ -54,7 +52,7 @@ impl std::fmt::Display for TooLong {
             f,
             "a function of this model would hold {} numbers at a time, more than the {} that are put on a stack",
             self.places,
-            pieces::MOST_PLACES
+            entry::MOST_PLACES
         )
     }
 }
@@ -106,7 +104,7 @@ pub fn stand_alone(model: &Model, schedule: &Schedule, language: &Language) -> R
 
 /// A name as generated C has it: ASCII letters, digits and `_`, beginning with a letter.
 pub fn c_name(name: &str) -> String {
-    identifier::plain(name)
+    notation::plain(name)
 }
 
 /// A number as C: the same bits come back.
@@ -116,10 +114,10 @@ pub fn c_number(value: f64) -> String {
 
 /// Text as it may stand inside a comment of C.
 pub fn c_comment(text: &str) -> String {
-    identifier::comment(text)
+    notation::comment(text)
 }
 
-/// One program of [`crate::schedule::program`] as a static function of C99, `void PREFIXname(double t, const double *x, const double *drive,
+/// One program of [`crate::schedule::layout`] as a static function of C99, `void PREFIXname(double t, const double *x, const double *drive,
 /// const double *known, double *column)`, in front of it the checks of the compiler and all that it calls.
 ///
 /// # Errors

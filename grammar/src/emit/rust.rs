@@ -1,8 +1,8 @@
 //! A model as one module of Rust: functions over arrays whose lengths are constants.
 
 use super::entry::{Array, Body, Entry, entries, functions};
-use super::identifier::{distinct, rust_string};
 use super::notation::{Notation, RustNotation, is_exact};
+use super::notation::{distinct, rust_string};
 use super::tables::{described, groups, patterns, places, signals, sizes, title, unit};
 use super::{Elementary, TooLong};
 use crate::model::{Model, Param, Quantity};

@@ -1,6 +1,6 @@
 //! What a generated file says about the model: sizes, names, units, start values, patterns, and the equations as comments.
 
-use super::identifier::comment;
+use super::notation::comment;
 use crate::Pattern;
 use crate::graph::{Leaf, Names, Node, Signal, show};
 use crate::model::{Model, Origin, Quantity};

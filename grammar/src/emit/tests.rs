@@ -1,8 +1,8 @@
 //! What can be seen of generated text without a compiler; `tests/language/generated_code.rs` compiles it and compares bits.
 
-use super::identifier::{c_string, comment, distinct, plain};
+use super::entry::Pieces;
 use super::notation::CNotation;
-use super::pieces::Pieces;
+use super::notation::{c_string, comment, distinct, plain};
 use super::*;
 use crate::op::{Form, Op, ROWS};
 use crate::schedule::{Instruction, Operand, Placed, Program};

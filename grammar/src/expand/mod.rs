@@ -5,11 +5,16 @@
 //! there; and what is wrong with them. **Never** looks at values, and never makes more than its limits allow.
 //! **Start** at [`expand`]: reactions first, then submodels, since vectors may be connected to them, then vectors, then
 //! blocks, which read scalars.
+//!
+//! How large a model may become when what it says in short is written out.
+
+use crate::diagnostic::{Code, Diagnostic};
+use crate::source::{Source, Span};
+use crate::syntax::{Expr, SyntaxTree};
+use submodels::Submodels;
 
 mod arrays;
 mod blocks;
-mod budget;
-mod elements;
 mod files;
 mod groups;
 mod library;
@@ -17,22 +22,13 @@ mod maker;
 mod reactions;
 mod submodels;
 mod tables;
-mod transfer;
 
-pub use arrays::{MOST_ELEMENTS, MOST_INVERTED};
-pub use budget::MOST_NODES;
-pub use elements::Elements;
+pub use arrays::{Elements, MOST_ELEMENTS, MOST_INVERTED};
 pub use files::{MOST_FILES, gather, gather_kept, is_unit};
 pub use groups::of_group;
 pub(crate) use groups::write_out;
 pub use library::library;
 pub use submodels::MOST_LEVELS;
-
-use crate::diagnostic::Diagnostic;
-use crate::source::Source;
-use crate::syntax::{Expr, SyntaxTree};
-use budget::Budget;
-use submodels::Submodels;
 
 /// A tree of the core language.
 #[derive(Debug)]
@@ -76,4 +72,50 @@ fn core(tree: SyntaxTree, budget: &mut Budget) -> Expanded {
 /// Stands where a mistake has been told: later rooms are silent about it.
 fn broken() -> Expr {
     Expr::Vector(Vec::new())
+}
+
+/// Most names, numbers and signs of a model written out.
+pub const MOST_NODES: usize = 4_000_000;
+/// Most bytes of names, docs and units of a model written out.
+const MOST_BYTES: usize = 256 << 20;
+
+/// What may still be written.
+#[derive(Debug)]
+struct Budget {
+    nodes: usize,
+    bytes: usize,
+    told: bool,
+}
+
+impl Budget {
+    fn new() -> Self {
+        Self { nodes: MOST_NODES, bytes: MOST_BYTES, told: false }
+    }
+
+    /// Takes what is needed; `false` when there is not enough, now or before.
+    fn spend(&mut self, nodes: usize, bytes: usize) -> bool {
+        match (self.nodes.checked_sub(nodes), self.bytes.checked_sub(bytes)) {
+            (Some(nodes), Some(bytes)) => (self.nodes, self.bytes) = (nodes, bytes),
+            _ => (self.nodes, self.bytes) = (0, 0),
+        }
+        !self.is_spent()
+    }
+
+    /// Whether something did not fit.
+    fn is_spent(&self) -> bool {
+        self.nodes == 0 || self.bytes == 0
+    }
+
+    /// What is told about it, once.
+    fn finding(&mut self, span: Span) -> Option<Diagnostic> {
+        if std::mem::replace(&mut self.told, true) {
+            return None;
+        }
+        let message = format!(
+            "written out, this model has more than {MOST_NODES} names, numbers and signs, or more than {} MiB of \
+             names and docs",
+            MOST_BYTES >> 20
+        );
+        Some(Diagnostic::new(Code::TooLarge, span, message).hint("this is where the limit is passed"))
+    }
 }

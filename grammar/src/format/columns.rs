@@ -1,8 +1,14 @@
 //! Neighbours of one kind are lined up: what is said of one stands below what is said of the other.
+//!
+//! The cells of a line: name, doc, unit, value and bounds of each of its items.
+//!
+//! Rows of a matrix that have a line each: their elements stand below each other, ends lined up as numbers are.
 
 use super::WIDTH;
-use super::cells::{Cell, Stop, stops};
-use super::lines::{Line, Words};
+use super::lines::{Items, Line, Words};
+use super::lines::{Piece, Shape};
+use crate::syntax::TokenKind;
+use std::ops::Range;
 
 /// Lines up runs of declarations, of equations, and comments at the ends of lines.
 pub(super) fn align(lines: &mut [Line<'_>]) {
@@ -189,5 +195,137 @@ fn commented(line: &Line<'_>) -> Option<usize> {
     match line {
         Line::Words(words) if !words.comments.is_empty() => Some(words.indent),
         _ => None,
+    }
+}
+
+/// What stands in a column.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Cell {
+    Name,
+    Doc,
+    Unit,
+    Value,
+    Bounds,
+}
+
+/// A column: the number of the item on its line, and what of it.
+pub(super) type Stop = (usize, Cell);
+
+/// The stops of a line and the pieces where they begin.
+pub(super) fn stops(words: &Words<'_>, items: Items<'_>) -> Vec<(Stop, usize)> {
+    let mut stops = vec![((0, Cell::Name), items.from)];
+    let (mut item, mut depth) = (0, 0_usize);
+    let mut begins = false;
+    for (k, (_, piece)) in words.pieces.iter().enumerate().skip(items.from + 1) {
+        let last = stops.last().map_or(Cell::Name, |((_, cell), _)| *cell);
+        if depth == 0 && begins {
+            item += 1;
+            stops.push(((item, Cell::Name), k));
+            begins = false;
+        } else if depth == 0
+            && let Some(cell) = cell(piece, last)
+        {
+            // what is said twice of an item (`"doc" [unit] per run`) belongs to the cell before
+            if !stops.iter().rev().take_while(|((i, _), _)| *i == item).any(|((_, c), _)| *c == cell) {
+                stops.push(((item, cell), k));
+            }
+        }
+        match piece.shape {
+            Shape::Word(TokenKind::Open) => depth += 1,
+            Shape::Word(TokenKind::Close) => depth = depth.saturating_sub(1),
+            _ => begins = depth == 0 && piece.is(",") && !items.keyword.is_empty(),
+        }
+    }
+    stops
+}
+
+/// The cell that a piece begins.
+fn cell(piece: &Piece<'_>, last: Cell) -> Option<Cell> {
+    match &*piece.text {
+        _ if piece.is_word(TokenKind::Text) => Some(Cell::Doc),
+        _ if piece.is_word(TokenKind::Unit) && !piece.is_index => Some(Cell::Unit),
+        "=" | "+=" | "~" => Some(Cell::Value),
+        // bounds belong to the value that they directly follow, `fixed` and `per run` too
+        "in" if last != Cell::Value => Some(Cell::Bounds),
+        "fixed" | "per" if !matches!(last, Cell::Value | Cell::Bounds | Cell::Doc) => Some(Cell::Doc),
+        // behind a unit it is no function
+        "log" | "held" if last == Cell::Unit => Some(Cell::Doc),
+        _ => None,
+    }
+}
+
+/// Lines up neighbouring rows of as many elements.
+pub(super) fn align_rows(lines: &mut [Line<'_>]) {
+    let mut from = 0;
+    while from < lines.len() {
+        let Some(first) = row(&lines[from]) else {
+            from += 1;
+            continue;
+        };
+        let mut rows = vec![first];
+        while let Some(next) = lines.get(from + rows.len()).and_then(row).filter(|r| r.len() == rows[0].len()) {
+            rows.push(next);
+        }
+        let length = rows.len();
+        space(&mut lines[from..from + length], &rows);
+        from += length;
+    }
+}
+
+/// The pieces of every element of a line that holds one row, `[a, b, c],`.
+fn row(line: &Line<'_>) -> Option<Vec<Range<usize>>> {
+    let Line::Words(words) = line else { return None };
+    if words.begins || !words.pieces.first()?.1.is("[") {
+        return None;
+    }
+    let (mut depth, mut elements, mut from) = (0_usize, Vec::new(), 1);
+    for (k, (_, piece)) in words.pieces.iter().enumerate() {
+        match piece.shape {
+            Shape::Word(TokenKind::Open) => depth += 1,
+            Shape::Word(TokenKind::Close) => {
+                depth = depth.saturating_sub(1);
+                if depth == 0 {
+                    elements.push(from..k);
+                    let rest = &words.pieces[k + 1..];
+                    return rest.iter().all(|(_, p)| p.is(",")).then_some(elements);
+                }
+            }
+            _ if depth == 1 && piece.is(",") => {
+                elements.push(from..k);
+                from = k + 1;
+            }
+            _ => {}
+        }
+    }
+    None
+}
+
+/// Puts spaces before the elements that are shorter than others of their column.
+fn space(lines: &mut [Line<'_>], rows: &[Vec<Range<usize>>]) {
+    let width = |words: &Words<'_>, element: &Range<usize>| {
+        let pieces = words.pieces[element.clone()].iter().enumerate();
+        pieces.map(|(k, (spaces, p))| p.width() + if k > 0 { *spaces } else { 0 }).sum::<usize>()
+    };
+    let mut widths = vec![0; rows[0].len()];
+    for (line, row) in lines.iter().zip(rows) {
+        let Line::Words(words) = line else { continue };
+        widths.iter_mut().zip(row).for_each(|(widest, element)| *widest = (*widest).max(width(words, element)));
+    }
+    // brackets, and a comma and a space for each
+    let whole = |line: &Line<'_>| match line {
+        Line::Words(words) => words.indent + widths.iter().map(|w| w + 2).sum::<usize>() < WIDTH,
+        _ => true,
+    };
+    if !lines.iter().all(whole) {
+        return;
+    }
+    for (line, row) in lines.iter_mut().zip(rows) {
+        let Line::Words(words) = line else { continue };
+        for (element, widest) in row.iter().zip(&widths) {
+            let missing = widest - width(words, element);
+            if let Some((spaces, _)) = words.pieces.get_mut(element.start).filter(|_| !element.is_empty()) {
+                *spaces += missing;
+            }
+        }
     }
 }

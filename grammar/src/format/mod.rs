@@ -2,29 +2,23 @@
 //!
 //! **In** a [`Source`] that fits the grammar. **Out** the same words and comments in the same order, laid out; or why not.
 //! **Never** looks at a syntax tree, so that comments and new statements come free, and never changes a word: the result is
-//! read again and compared. **Start** at [`format()`]: `pieces.rs` makes words and comments of the text, `lines.rs` cuts them
-//! into statements and lines, `wrap.rs` breaks lines that are too long, `columns.rs` and `matrices.rs` line up neighbours.
+//! read again and compared. **Start** at [`format()`]: `lines.rs` makes words and comments of the text, cuts them
+//! into statements and lines and breaks those that are too long, `columns.rs` lines up neighbours.
 
-mod cells;
 mod columns;
 mod lines;
-mod matrices;
-mod pieces;
 #[cfg(test)]
 mod tests;
-mod wrap;
 
 use crate::diagnostic::Diagnostic;
 use crate::source::Source;
 use crate::syntax::{self, Printer};
-use pieces::Piece;
+use lines::Piece;
 
 /// Most characters of a line that is laid out; what cannot be broken may be longer.
 pub const WIDTH: usize = 120;
 /// Spaces by which the inside of braces is moved.
 const STEP: usize = 2;
-/// Most layouts of a text after the first.
-const ROUNDS: usize = 5;
 
 /// Why a text is left as it is.
 #[derive(Debug, Clone)]
@@ -50,7 +44,8 @@ pub fn format(source: &Source) -> Result<String, Refusal> {
 /// it elsewhere (behind a name that is longer than a line).
 fn settled(text: &str) -> String {
     let mut laid_out = layout(text);
-    for _ in 0..ROUNDS {
+    // most layouts of a text after the first
+    for _ in 0..5 {
         let again = layout(&laid_out);
         if again == laid_out {
             break;
@@ -73,10 +68,10 @@ fn meaning(source: &Source) -> Result<String, Vec<Diagnostic>> {
 
 /// Lays out any text; of one that does not fit the grammar nothing is promised but that its words stay.
 fn layout(text: &str) -> String {
-    let pieces = pieces::pieces(text);
+    let pieces = lines::pieces(text);
     let mut lines = lines::lines(&pieces);
     columns::align(&mut lines);
-    matrices::align(&mut lines);
+    columns::align_rows(&mut lines);
     let body = lines::print(&lines);
     let mark = if text.starts_with('\u{feff}') { "\u{feff}" } else { "" };
     // the line ends that the first line has
@@ -87,7 +82,7 @@ fn layout(text: &str) -> String {
 
 /// Whether two texts have the same words and the same comments, each in the same order.
 fn same_words(a: &str, b: &str) -> bool {
-    let split = |text| -> (Vec<_>, Vec<_>) { pieces::pieces(text).into_iter().partition(Piece::is_comment) };
+    let split = |text| -> (Vec<_>, Vec<_>) { lines::pieces(text).into_iter().partition(Piece::is_comment) };
     let ((comments_a, words_a), (comments_b, words_b)) = (split(a), split(b));
     words_a.iter().map(word).eq(words_b.iter().map(word)) && comments_a.iter().map(word).eq(comments_b.iter().map(word))
 }

@@ -11,7 +11,7 @@ fn formatted(text: &str) -> String {
         Err(Refusal::Mistakes(findings)) => panic!("{findings:#?}\n{text}"),
         Err(Refusal::Meaning) => {
             let after = layout(text);
-            let split = |t| -> (Vec<_>, Vec<_>) { pieces::pieces(t).into_iter().partition(Piece::is_comment) };
+            let split = |t| -> (Vec<_>, Vec<_>) { lines::pieces(t).into_iter().partition(Piece::is_comment) };
             let ((a, b), (c, d)) = (split(text), split(&after));
             let differ = |a: &[Piece<'_>], b: &[Piece<'_>]| {
                 let pair = a.iter().zip(b).find(|(a, b)| word(a) != word(b));
@@ -238,14 +238,14 @@ fn scatter(text: &str, choices: &[u8]) -> String {
         [" ", "  ", "\t", "\n", "\r\n", "\n\n\n", " // ü µ \n", "/* a\n  b */", "\n// own\n", " /**/ ", "\n\n  ", " "];
     let mut out = String::new();
     let mut choices = choices.iter().cycle();
-    for (k, piece) in pieces::pieces(text).iter().enumerate() {
+    for (k, piece) in lines::pieces(text).iter().enumerate() {
         let free = k > 0 && !piece.is_index;
         let choice = usize::from(*choices.next().unwrap_or(&0));
         if free && (piece.gap > 0 || piece.line_ends > 0 || choice % 3 == 0) {
             out.push_str(BETWEEN[choice % BETWEEN.len()]);
         }
         out.push_str(&piece.text);
-        if piece.shape == pieces::Shape::LineComment {
+        if piece.shape == lines::Shape::LineComment {
             out.push('\n');
         }
     }

@@ -3,19 +3,23 @@
 //! **In** leaves, constants and operations. **Out** [`ExprId`]s, the nodes in topological order.
 //! **Never** recurses, and never iterates over its hash map: ids depend only on the order of construction.
 //! **Start** at [`Graph`]; the few local simplifications are in `simplify.rs`, printing in `show.rs`.
+//!
+//! Which node stands where: an index over an array of nodes that holds their numbers only.
+//!
+//! Calls of foreign code in a graph: their functions, and the lists of their arguments.
+//!
+//! Expressions built anew in another graph, with other leaves where that is wanted.
 
-mod calls;
-mod memo;
-mod rebuild;
+use crate::external::Function;
+use crate::op::{Args, Build, ExprId, Op};
+use hashbrown::hash_table::Entry;
+use hashbrown::{DefaultHashBuilder, HashTable};
+use std::hash::BuildHasher;
+
 mod show;
 mod simplify;
 
-pub(crate) use calls::{above_calls, call, elements};
-pub use rebuild::Reference;
 pub use show::{Names, show};
-
-use crate::op::{Args, Build, ExprId, Op};
-use memo::Memo;
 
 /// What an expression can refer to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -203,6 +207,122 @@ impl Build for Graph {
     }
 }
 
+/// Numbers of nodes, found by the nodes' hashes. The hash is keyed by chance; nothing depends on its order.
+#[derive(Debug, Clone, Default)]
+struct Memo {
+    numbers: HashTable<u32>,
+    hasher: DefaultHashBuilder,
+}
+
+impl Memo {
+    /// The place of a node in `nodes`, where it is put when it is new.
+    fn place(&mut self, nodes: &mut Vec<Node>, node: Node) -> u32 {
+        let hash = self.hasher.hash_one(node);
+        let same = |number: &u32| nodes[*number as usize] == node;
+        let again = |number: &u32| self.hasher.hash_one(nodes[*number as usize]);
+        match self.numbers.entry(hash, same, again) {
+            Entry::Occupied(entry) => *entry.get(),
+            Entry::Vacant(entry) => {
+                let number = nodes.len() as u32;
+                entry.insert(number);
+                nodes.push(node);
+                number
+            }
+        }
+    }
+}
+
+/// The elements of a list in front of which zeros were left out, the last one first.
+pub(crate) fn elements(graph: &Graph, list: ExprId) -> Vec<ExprId> {
+    let (mut found, mut rest) = (Vec::new(), list);
+    while let Node::Apply(Op::List, [before, last, _]) = graph.node(rest) {
+        found.push(last);
+        rest = before;
+    }
+    found
+}
+
+/// The function of a call in a graph, and its lists: arguments, then directions.
+pub(crate) fn call(graph: &Graph, op: Op, args: [ExprId; 3]) -> Option<(Function, Vec<ExprId>)> {
+    let function = Function::numbered(graph.constant(args[0])?)?;
+    let lists = match op {
+        Op::External => vec![args[1]],
+        Op::ExternalSlope => vec![args[1], args[2]],
+        Op::ExternalCurvature => match graph.node(args[2]) {
+            Node::Apply(Op::List, [first, second, _]) => vec![args[1], first, second],
+            _ => return None,
+        },
+        _ => return None,
+    };
+    Some((function, lists))
+}
+
+/// For each node whether foreign code has a part in it.
+pub(crate) fn above_calls(graph: &Graph) -> Vec<bool> {
+    let mut holds: Vec<bool> = Vec::with_capacity(graph.nodes().len());
+    for node in graph.nodes() {
+        holds.push(match node {
+            Node::Apply(op, args) => op.is_external() || args[..op.row().arity].iter().any(|a| holds[a.index()]),
+            _ => false,
+        });
+    }
+    holds
+}
+
+/// What a leaf refers to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reference {
+    /// Anything at its own time; never a delayed signal.
+    Now(Leaf),
+    /// A signal at an earlier time; the delay is an expression of the new graph.
+    Earlier(Signal, ExprId),
+}
+
+impl Graph {
+    /// A reference as it is.
+    pub fn reference(&mut self, reference: Reference) -> ExprId {
+        match reference {
+            Reference::Now(leaf) => self.leaf(leaf),
+            Reference::Earlier(signal, tau) => self.delay(signal, tau),
+        }
+    }
+
+    /// The expressions `roots` of this graph built anew in `into`, where `reference` says what becomes of each leaf.
+    /// Delays that no root needs are left behind.
+    pub fn rebuild(
+        &self,
+        roots: &[ExprId],
+        into: &mut Graph,
+        mut reference: impl FnMut(&mut Graph, Reference) -> ExprId,
+    ) -> Vec<ExprId> {
+        let mut moved = vec![ExprId::NONE; self.nodes.len()];
+        for e in self.reachable(roots.iter().copied().chain(self.delays_of(roots))) {
+            moved[e.index()] = match self.node(e) {
+                Node::Constant(bits) => into.number(f64::from_bits(bits)),
+                Node::Leaf(Leaf::Delayed(k)) => {
+                    let delayed = self.delayed[k as usize];
+                    reference(into, Reference::Earlier(delayed.signal, moved[delayed.tau.index()]))
+                }
+                Node::Leaf(leaf) => reference(into, Reference::Now(leaf)),
+                Node::Apply(op, args) => {
+                    let args = args.map(|a| moved.get(a.index()).copied().unwrap_or(a));
+                    into.apply(op, &args[..op.row().arity])
+                }
+            };
+        }
+        roots.iter().map(|r| moved[r.index()]).collect()
+    }
+
+    /// The delays of the delayed signals that `roots` need, one for each signal.
+    pub fn delays_of(&self, roots: &[ExprId]) -> Vec<ExprId> {
+        let tau = |e: ExprId| match self.node(e) {
+            Node::Leaf(Leaf::Delayed(k)) => Some(self.delayed[k as usize].tau),
+            _ => None,
+        };
+        self.reachable(roots.iter().copied()).into_iter().filter_map(tau).collect()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -227,5 +347,32 @@ mod tests {
             e = g.apply(Op::Add, &[s, x]);
         }
         assert!(g.evaluate(e, |_| 0.5).is_finite());
+    }
+}
+
+#[cfg(test)]
+mod rebuild_tests {
+    use super::*;
+    use crate::op::Op;
+
+    #[test]
+    fn leaves_are_replaced_also_where_they_are_delayed() {
+        let mut old = Graph::default();
+        let (x, tau, unused) = (old.leaf(Leaf::State(0)), old.leaf(Leaf::Param(0)), old.leaf(Leaf::Param(1)));
+        let (late, _) = (old.delay(Signal::State(0), tau), old.delay(Signal::State(1), unused));
+        let sum = old.apply(Op::Add, &[x, late]);
+        let mut new = Graph::default();
+        let moved = old.rebuild(&[sum], &mut new, |g, reference| match reference {
+            Reference::Now(Leaf::State(0)) => g.leaf(Leaf::Input(7)),
+            Reference::Earlier(Signal::State(0), tau) => g.delay(Signal::Input(7), tau),
+            other => g.reference(other),
+        });
+        assert_eq!(new.delayed().iter().map(|d| d.signal).collect::<Vec<_>>(), [Signal::Input(7)]);
+        let value = new.evaluate(moved[0], |leaf| match leaf {
+            Leaf::Input(7) => 2.0,
+            Leaf::Delayed(0) => 5.0,
+            other => panic!("{other:?}"),
+        });
+        assert_eq!(value, 7.0);
     }
 }

@@ -1,7 +1,7 @@
 //! Prints expressions in the language's own notation.
 
-use super::calls::{call as call_of, elements};
 use super::{Graph, Leaf, Node};
+use super::{call as call_of, elements};
 use crate::op::{ExprId, Form, Op};
 
 /// Names for leaves.
@@ -9,11 +9,6 @@ pub trait Names {
     /// How a leaf is written.
     fn leaf(&self, leaf: Leaf) -> String;
 }
-
-/// Texts longer than this are cut: a derivative can be longer than anybody reads.
-const LONGEST: usize = 4000;
-/// Factors of a product that are looked at together.
-const MOST_FACTORS: usize = 64;
 
 /// What binds more strongly than everything.
 const ATOM: u8 = 9;
@@ -37,7 +32,8 @@ pub fn show(graph: &Graph, e: ExprId, names: &dyn Names) -> String {
     let mut out = String::new();
     let mut parts = vec![Part::Expr(e, 0)];
     while let Some(part) = parts.pop() {
-        if out.len() > LONGEST {
+        // texts longer than this are cut: a derivative can be longer than anybody reads
+        if out.len() > 4000 {
             return out + "...";
         }
         let from = parts.len();
@@ -149,7 +145,8 @@ fn factors(graph: &Graph, e: ExprId) -> Vec<(ExprId, usize)> {
     let (mut waiting, mut count) = (vec![e], 0);
     while let Some(e) = waiting.pop() {
         match graph.node(e) {
-            Node::Apply(Op::Mul, args) if count + waiting.len() < MOST_FACTORS => waiting.extend([args[1], args[0]]),
+            // factors of a product that are looked at together
+            Node::Apply(Op::Mul, args) if count + waiting.len() < 64 => waiting.extend([args[1], args[0]]),
             _ => {
                 count += 1;
                 match found.iter_mut().find(|(factor, _)| *factor == e) {

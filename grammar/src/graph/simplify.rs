@@ -3,12 +3,9 @@
 //! Refused: expanding or factoring sums (changes rounding and may swell), `x/x = 1` (hides a division by zero).
 //! Accepted knowingly: `0*x = 0`; a structural zero must stay one, and a NaN in x is seen through x itself.
 
-use super::calls::{call, elements};
 use super::{Graph, Node};
+use super::{call, elements};
 use crate::op::{Build, ExprId, Form, Op};
-
-/// Greatest integer exponent that is written out as products.
-const LONGEST_PRODUCT: f64 = 64.0;
 
 /// The simpler expression that `op(args)` stands for, if there is one.
 pub(super) fn simplify(g: &mut Graph, op: Op, args: &[ExprId]) -> Option<ExprId> {
@@ -214,7 +211,8 @@ fn power(g: &mut Graph, a: ExprId, b: ExprId) -> Option<ExprId> {
     if n == 0.5 {
         return Some(g.apply(Op::Sqrt, &[a]));
     }
-    if n.fract() != 0.0 || n.abs() > LONGEST_PRODUCT {
+    // greatest integer exponent that is written out as products
+    if n.fract() != 0.0 || n.abs() > 64.0 {
         return None;
     }
     if n == 0.0 {

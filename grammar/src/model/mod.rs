@@ -3,7 +3,6 @@
 //! **In** from `check`. **Out** [`Model`], in which no unresolved name can exist. **Never** text or spans of
 //! expressions: mistakes have been told by now. **Start** at [`Model`].
 
-mod forces;
 pub mod reading;
 mod substitution;
 #[cfg(test)]
@@ -11,8 +10,7 @@ mod tests;
 mod ties;
 
 pub use crate::syntax::Membership;
-pub use forces::Entry;
-pub use substitution::Unshown;
+pub use substitution::{Entry, Unshown};
 pub use ties::Tie;
 
 use crate::graph::{Graph, Leaf, Names, Node, Signal};

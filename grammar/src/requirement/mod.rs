@@ -3,16 +3,16 @@
 //! **In** an expanded tree and the model that it was checked to. **Out** [`Requirements`]: what must be measured at the model ([`Measure`]: of its
 //! modes, its linear responses, its responses to standard inputs), and a model without states whose inputs are these measures and whose outputs are
 //! the requirements. So names, units and derivatives of the expressions are those of the language. **Never** computes a measure: that is for
-//! whoever has numbers. **Start** at [`Requirements`]; the functions are in `forms.rs`.
-
-mod forms;
-mod read;
-
-pub use forms::{forms, is_measure};
-pub(crate) use read::{mentioned, requirements, taken};
+//! whoever has numbers. **Start** at [`Requirements`]; the functions are in its table.
+//!
+//! The functions that stand in requirements: one table for the reader, messages and documentation.
 
 use crate::model::{Model, Quantity};
 use crate::unit::Unit;
+
+mod read;
+
+pub(crate) use read::{mentioned, requirements, taken};
 
 /// The requirements of a model.
 #[derive(Debug, Clone)]
@@ -217,4 +217,119 @@ pub struct Measure {
     pub unit: Option<Unit>,
     /// What it is.
     pub what: What,
+}
+
+/// What an argument is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Argument {
+    /// A state.
+    State,
+    /// A state or an output, perhaps with a minus.
+    Signal,
+    /// A state or an output, without a minus.
+    Row,
+    /// A state or an input.
+    Column,
+    /// An input.
+    Input,
+    /// A number: a time, above 0.
+    Duration,
+    /// A number: a frequency, above 0.
+    Frequency,
+    /// A number in the unit of the signal that was named last.
+    Level,
+    /// A number in the unit of the input that was named last.
+    Size,
+    /// A whole number from 1.
+    Count,
+    /// Standard inputs, one or more.
+    Drives,
+}
+
+/// What a function asks for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Asks {
+    Mode(OfMode),
+    Coefficient,
+    Response(OfResponse),
+    Course(OfCourse),
+    /// The value of a first signal when a second one passes a level.
+    Reached,
+    Zigzag,
+}
+
+/// A function.
+#[derive(Debug, Clone, Copy)]
+struct Function {
+    name: &'static str,
+    form: &'static str,
+    asks: Asks,
+}
+
+const fn row(name: &'static str, form: &'static str, asks: Asks) -> Function {
+    Function { name, form, asks }
+}
+
+/// Every function. A number that an argument gives stands as zero here.
+const FUNCTIONS: &[Function] = &[
+    row("mode_frequency", "mode_frequency(x)", Asks::Mode(OfMode::Frequency)),
+    row("mode_damping", "mode_damping(x)", Asks::Mode(OfMode::Damping)),
+    row("mode_real", "mode_real(x)", Asks::Mode(OfMode::Real)),
+    row("time_to_half", "time_to_half(x)", Asks::Mode(OfMode::TimeToHalf)),
+    row("time_to_double", "time_to_double(x)", Asks::Mode(OfMode::TimeToDouble)),
+    row("coefficient", "coefficient(x, u)", Asks::Coefficient),
+    row("gain", "gain(y, u, frequency)", Asks::Response(OfResponse::Gain(0.0))),
+    row("phase", "phase(y, u, frequency)", Asks::Response(OfResponse::Phase(0.0))),
+    row("steady", "steady(y, u)", Asks::Response(OfResponse::Steady)),
+    row("bandwidth", "bandwidth(y, u)", Asks::Response(OfResponse::Bandwidth)),
+    row("phase_bandwidth", "phase_bandwidth(y, u)", Asks::Response(OfResponse::PhaseBandwidth)),
+    row("gain_bandwidth", "gain_bandwidth(y, u)", Asks::Response(OfResponse::GainBandwidth)),
+    row("phase_delay", "phase_delay(y, u)", Asks::Response(OfResponse::PhaseDelay)),
+    row("crossover", "crossover(y, u)", Asks::Response(OfResponse::Crossover)),
+    row("gain_margin", "gain_margin(y, u)", Asks::Response(OfResponse::GainMargin)),
+    row("phase_margin", "phase_margin(y, u)", Asks::Response(OfResponse::PhaseMargin)),
+    row("at", "at(y, time, step(u, size))", Asks::Course(OfCourse::At)),
+    row("maximum", "maximum(y, duration, step(u, size))", Asks::Course(OfCourse::Maximum)),
+    row("minimum", "minimum(y, duration, step(u, size))", Asks::Course(OfCourse::Minimum)),
+    row("overshoot", "overshoot(y, duration, step(u, size))", Asks::Course(OfCourse::Overshoot)),
+    row("rise_time", "rise_time(y, duration, step(u, size))", Asks::Course(OfCourse::RiseTime)),
+    row("settling_time", "settling_time(y, duration, step(u, size))", Asks::Course(OfCourse::SettlingTime)),
+    row("integral", "integral(y, duration, step(u, size))", Asks::Course(OfCourse::Integral)),
+    row("when", "when(y, level, duration, step(u, size))", Asks::Course(OfCourse::When(0.0))),
+    row("reached", "reached(x, y, level, duration, step(u, size))", Asks::Reached),
+    row("zigzag_overshoot", "zigzag_overshoot(y, u, size, level, number, duration)", Asks::Zigzag),
+];
+
+/// The standard inputs.
+const DRIVES: &[(&str, &str, usize)] = &[
+    ("hold", "hold(u, size)", 1),
+    ("step", "step(u, size)", 1),
+    ("pulse", "pulse(u, size, length)", 2),
+    ("doublet", "doublet(u, size, length)", 2),
+];
+
+impl Function {
+    fn find(name: &str) -> Option<Self> {
+        FUNCTIONS.iter().find(|f| f.name == name).copied()
+    }
+
+    /// What its arguments are.
+    fn arguments(self) -> &'static [Argument] {
+        use Argument::{Column, Count, Drives, Duration, Frequency, Input, Level, Row, Signal, Size, State};
+        match self.asks {
+            Asks::Mode(_) => &[State],
+            Asks::Coefficient => &[Row, Column],
+            Asks::Response(OfResponse::Gain(_) | OfResponse::Phase(_)) => &[Signal, Input, Frequency],
+            Asks::Response(_) => &[Signal, Input],
+            Asks::Course(OfCourse::When(_)) => &[Signal, Level, Duration, Drives],
+            Asks::Course(_) => &[Signal, Duration, Drives],
+            Asks::Reached => &[Signal, Signal, Level, Duration, Drives],
+            Asks::Zigzag => &[Signal, Input, Size, Level, Count, Duration],
+        }
+    }
+}
+
+/// Every function of requirements and how a call is written, standard inputs behind them.
+pub fn forms() -> impl Iterator<Item = (&'static str, &'static str)> {
+    FUNCTIONS.iter().map(|f| (f.name, f.form)).chain(DRIVES.iter().map(|(name, form, _)| (*name, *form)))
 }

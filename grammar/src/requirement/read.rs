@@ -1,7 +1,7 @@
-//! Reads requirements: each call of a function of `forms.rs` becomes a measure, and a name that stands for it; what is left are expressions of params,
+//! Reads requirements: each call of a function of `mod.rs` becomes a measure, and a name that stands for it; what is left are expressions of params,
 //! which are checked as those of a model.
 
-use super::forms::{Argument, Asks, DRIVES, FUNCTIONS, Function};
+use super::{Argument, Asks, DRIVES, FUNCTIONS, Function};
 use super::{Drive, Form, Measure, Observed, OfCourse, OfMode, OfResponse, Requirement, Requirements, Target, What};
 use crate::check::check;
 use crate::diagnostic::{Code, Diagnostic, nearest};

@@ -2,7 +2,7 @@
 //! statement leaves all others readable.
 
 use super::scan::{Kind, Token};
-use super::words::{WordUse, word_use};
+use super::scan::{WordUse, word_use};
 use std::ops::Range;
 
 /// Levels of brackets, calls and `if`s inside each other.

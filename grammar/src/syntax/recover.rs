@@ -53,7 +53,8 @@ fn parse_text(text: &str) -> (Option<SyntaxTree>, Vec<Diagnostic>) {
         Err(span) => return too_large(span, format!("the text has more than {TOKEN_LIMIT} words, numbers and signs")),
     };
     let outline = Outline::new(text, &tokens);
-    let deep = outline.deepest > COMMON_NESTING;
+    // the grammar recurses for each level of nesting; a caller's stack is trusted with this many
+    let deep = outline.deepest > 32;
     let read = || read(text, &tokens, &outline);
     if deep { on_deep_stack(read).unwrap_or_else(read) } else { read() }
 }
@@ -66,8 +67,6 @@ fn on_deep_stack<T: Send>(run: impl FnOnce() -> T + Send) -> Option<T> {
     })
 }
 
-/// The grammar recurses for each level of nesting; a caller's stack is trusted with this many.
-const COMMON_NESTING: usize = 32;
 /// Stack for texts that nest more deeply, in bytes; the limit of nesting takes less than 2 MiB of it.
 const DEEP_STACK: usize = 16 << 20;
 

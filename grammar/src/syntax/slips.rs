@@ -4,7 +4,7 @@ use super::expected::{Expected, Want, shown};
 use super::outline::{Extent, Fault, NESTING_LIMIT, Outline};
 use super::parse::Refusal;
 use super::scan::{Kind, Token, holds_effects};
-use super::words::{WordUse, word_use};
+use super::scan::{WordUse, word_use};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::source::Span;
 use std::ops::Range;

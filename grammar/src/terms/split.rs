@@ -1,8 +1,8 @@
 //! One pass over the nodes below some expressions, operands first: each becomes a sum of coefficients times regressors.
 
+use super::Sum;
 use super::Term;
-use super::monomial::product;
-use super::sum::Sum;
+use super::product;
 use crate::graph::{Graph, Leaf, Node};
 use crate::op::{Args, Build, ExprId, Op};
 
@@ -18,12 +18,6 @@ pub(super) enum Side {
 
 /// A sum of more terms stays one.
 const MOST_TERMS: usize = 1024;
-
-/// A product of sums that would have more terms is not multiplied out.
-const MOST_PRODUCTS: usize = 64;
-
-/// Terms that are written during one pass; behind it nothing is taken apart any more.
-const MOST_WORK: usize = 1 << 22;
 
 /// What kinds of leaves stand below a node.
 #[derive(Debug, Clone, Copy, Default)]
@@ -97,7 +91,8 @@ impl<'a> Pass<'a> {
         self.below[e.index()] = below;
         let sums: Vec<Sum> = operands.iter().map(|a| self.take(*a)).collect();
         let whole = if below.regressor { Sum::single(self.one, e) } else { Sum::single(e, self.one) };
-        if !below.regressor || self.work > MOST_WORK {
+        // terms that are written during one pass; behind it nothing is taken apart any more
+        if !below.regressor || self.work > (1 << 22) {
             return whole;
         }
         let separated = match (op, &sums[..]) {
@@ -137,7 +132,8 @@ impl<'a> Pass<'a> {
         if x_known && y_known && !self.holds_linear(a, b) {
             return None;
         }
-        if a.len() * b.len() <= MOST_PRODUCTS || a.len() == 1 || b.len() == 1 {
+        // A product of sums that would have more terms is not multiplied out
+        if a.len() * b.len() <= 64 || a.len() == 1 || b.len() == 1 {
             return Some(self.product(a, b));
         }
         let rest = |known: bool, e: ExprId| known.then(|| Sum::single(self.one, e));

@@ -37,9 +37,6 @@ struct Part {
     exponent: i8,
 }
 
-/// Most symbols in one unit, so that arithmetic with units takes bounded time on any text.
-const MOST_SYMBOLS: usize = 32;
-
 impl Unit {
     /// Reads a unit: `m/s^2`, `kg m^2`, `1/(s*rad)`, `deg`, `%`; `1` and `-` are pure numbers.
     ///
@@ -220,7 +217,8 @@ impl Unit {
 
     fn composed(mut parts: Vec<Part>, dimension: [i8; 7], factor: f64) -> Option<Self> {
         parts.retain(|p| p.exponent != 0);
-        let sound = factor.is_normal() && factor > 0.0 && parts.len() <= MOST_SYMBOLS;
+        // most symbols in one unit, so that arithmetic with units takes bounded time on any text
+        let sound = factor.is_normal() && factor > 0.0 && parts.len() <= 32;
         sound.then(|| Self { text: compose(&parts), parts, dimension, factor, offset: 0.0 })
     }
 }

@@ -49,14 +49,10 @@ pub struct Tables {
     pub resampled: Vec<(String, f64)>,
 }
 
-/// Parts of each interval of a table that is not linear, where the table stays below [`MOST`] crossings.
-const PARTS: usize = 16;
 /// Most crossings of a grid.
 const MOST: usize = 20_000;
 /// Check cases; the first are inside, the last is outside all ranges.
 const SHOTS: usize = 8;
-/// Part of a table's largest value that another way to interpolate may err.
-const ROUNDING: f64 = 1e-9;
 
 /// The file of a model's tables at the values of its parameters; `errors` are standard errors by the names of parameters.
 ///
@@ -141,7 +137,8 @@ fn check_cases(inputs: &Inputs<'_>, grids: &[Grid<'_>]) -> Markup {
                                 signalName { (grid.table.quantity.name) }
                                 signalUnits { (units(grid.table.quantity.unit.as_ref())) }
                                 signalValue { (number(value)) }
-                                tol { (number((grid.linear(&at) - value).abs() + ROUNDING * grid.size())) }
+                                // part of a table's largest value that another way to interpolate may err
+                                tol { (number((grid.linear(&at) - value).abs() + 1e-9 * grid.size())) }
                             }
                         }
                     }
@@ -302,7 +299,8 @@ impl<'a> Grid<'a> {
         let nodes: Vec<Vec<f64>> = table.arguments.iter().map(|a| a.axis.clone()).collect();
         let mut grid = Self { table, axes: nodes, values, errors: Vec::new(), tape: Tape::new(asked.schedule()) };
         if grid.is_resampled() {
-            let parts = (1..=PARTS).rev().find(|parts| grid.crossings(*parts) <= MOST).unwrap_or(1);
+            // parts of each interval of a table that is not linear, where the table stays below `MOST` crossings
+            let parts = (1..=16).rev().find(|parts| grid.crossings(*parts) <= MOST).unwrap_or(1);
             grid.axes = grid.axes.iter().map(|axis| divided(axis, parts)).collect();
             grid.values = (0..grid.crossings(1)).map(|k| grid.curve(&grid.place(k))).collect();
         } else {

@@ -1,5 +1,8 @@
 //! What a file was made from: one number for the texts of a model and the values of its parameters ([`Stamp`]).
+//!
+//! A model as stand-alone C or Rust, with its stamp.
 
+use fdm_grammar::emit::{EmitError, Language, stand_alone};
 use fdm_system::Model;
 use sha2::{Digest, Sha256};
 use std::fmt;
@@ -52,6 +55,15 @@ impl fmt::Display for Stamp {
         f.write_str(HEAD)?;
         self.0.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
     }
+}
+
+/// The source file of a model; its last line is the stamp, a comment in both languages.
+///
+/// # Errors
+/// [`EmitError`] as [`stand_alone`].
+pub fn source(model: &Model, language: &Language) -> Result<String, EmitError> {
+    let text = stand_alone(model.definition(), model.schedule(), language)?;
+    Ok(format!("{text}\n/* {} */\n", Stamp::of(model)))
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! The functions of FMI 2.0.
 
-use crate::pointers::{put, read, text, write};
 use crate::unit::{ERROR, Logger, Logger2, Made, OK, Unit, folder, functions};
+use crate::unit::{put, read, text, write};
 use fdm_exchange::fmu::Snapshot;
 use std::ffi::{c_char, c_int, c_uint, c_void};
 

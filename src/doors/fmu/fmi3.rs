@@ -6,8 +6,8 @@ use crate::fmi2::{
     fmi2GetFMUstate, fmi2GetNominalsOfContinuousStates, fmi2Reset, fmi2SerializeFMUstate, fmi2SerializedFMUstateSize,
     fmi2SetContinuousStates, fmi2SetFMUstate, fmi2SetTime,
 };
-use crate::pointers::{put, read, text, write};
 use crate::unit::{ERROR, Logger, Logger3, Made, OK, Unit, functions};
+use crate::unit::{put, read, text, write};
 use std::ffi::{c_char, c_int, c_uint, c_void};
 use std::path::PathBuf;
 

@@ -9,7 +9,6 @@
 
 mod fmi2;
 mod fmi3;
-mod pointers;
 mod unit;
 
 pub use fmi2::*;

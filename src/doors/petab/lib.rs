@@ -8,17 +8,13 @@ mod events;
 mod experiments;
 mod expression;
 mod formula;
-mod history;
 mod mathml;
-mod names;
 mod problem;
 mod records;
 mod sbml;
 mod sbml_text;
 mod tables;
 mod translation;
-mod values;
-mod version_two;
 mod writing;
 
 pub use problem::{Deviation, Record, Unsuited, problem};

@@ -264,7 +264,7 @@ fn pieces(run: &Record<'_>, input: usize) -> Vec<Piece> {
 
 /// Names as PEtab's tables take them, each once.
 fn unique<'a>(names: impl Iterator<Item = &'a str>) -> Vec<String> {
-    let mut taken = crate::names::Names::default();
+    let mut taken = crate::expression::Names::default();
     names.map(|name| taken.fresh(name)).collect()
 }
 

@@ -1,9 +1,9 @@
 //! Records of the experiments: one file for each experiment and repetition, the table of runs, the project file.
 
+use crate::experiments::Channel;
 use crate::experiments::{Experiment, Measured, Measurement};
+use crate::expression::Names;
 use crate::expression::number;
-use crate::names::Names;
-use crate::values::Channel;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 

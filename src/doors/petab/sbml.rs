@@ -1,9 +1,9 @@
 //! SBML core, levels 2 and 3, as far as ordinary differential equations go: compartments, species, parameters, rules, initial assignments,
 //! reactions, functions. What the language has not is refused in words ([`Sbml::read`]).
 
+use crate::events::remember;
 use crate::events::{Event, events};
 use crate::expression::{Expr, LONGEST, times};
-use crate::history::remember;
 use crate::mathml::{lambda, math};
 use fdm_readers::refuse_endless_xml;
 use roxmltree::{Document, Node, ParsingOptions};

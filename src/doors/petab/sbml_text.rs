@@ -1,6 +1,6 @@
 //! A checked model as SBML core, level 3 version 1: states as parameters with rate rules, everything else as rules, events as events.
 
-use crate::names::Names;
+use crate::expression::Names;
 use crate::problem::{Piece, Unsuited};
 use fdm_grammar::Model;
 use fdm_grammar::graph::{Leaf, Node};
@@ -38,9 +38,6 @@ impl Identifiers {
         self.names.borrow_mut().fresh(wanted)
     }
 }
-
-/// Levels of an expression that stand in one formula.
-const DEEPEST: u32 = 30;
 
 /// A model on its way to text.
 pub(crate) struct Sbml<'a> {
@@ -180,7 +177,8 @@ impl<'a> Sbml<'a> {
             };
             let operands = self.model.graph.operands(e);
             self.depths[e.index()] = operands.iter().map(|a| self.depths[a.index()] + 1).max().unwrap_or(0);
-            let shared = self.readers[e.index()] > 1 || self.depths[e.index()] > DEEPEST;
+            // levels of an expression that stand in one formula
+            let shared = self.readers[e.index()] > 1 || self.depths[e.index()] > 30;
             if e != root && shared && matches!(node, Node::Apply(..)) && !self.is_condition(e) {
                 let own = self.ids.fresh("part");
                 self.assign(&own, &math);

@@ -2,14 +2,14 @@
 
 use crate::Import;
 use crate::events::Event;
+use crate::experiments::{Channel, Phases, cell, cells, written};
 use crate::experiments::{Experiment, Measured, Scale, measured, switch};
+use crate::expression::Names;
 use crate::expression::{Expr, Sign, binary, name, times};
-use crate::names::Names;
 use crate::records::{Records, Switch, lead};
 use crate::sbml::{Constant, Reaction, Sbml, Species};
+use crate::tables::{NEVER, Setting, just_before};
 use crate::tables::{Problem, Row};
-use crate::values::{Channel, Phases, cell, cells, written};
-use crate::version_two::{NEVER, Setting, just_before};
 use crate::writing;
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -1,8 +1,8 @@
 //! The text of the model, and the report beside it.
 
 use crate::experiments::{Measured, Scale};
+use crate::expression::Names;
 use crate::expression::{Expr, Sign, binary, name, number};
-use crate::names::Names;
 use crate::records::Records;
 use crate::tables::Problem;
 use crate::translation::{Definition, Line, Param, State, Statements};

@@ -5,9 +5,6 @@ use fdm_readers::refuse_endless_xml;
 use roxmltree::{Document, Node, ParsingOptions};
 use std::collections::HashMap;
 
-/// Most elements and texts of a description: each takes some hundred bytes of memory, of which all stay below 2 GiB.
-const MOST_NODES: u32 = 20_000_000;
-
 /// A real variable of a unit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Variable {
@@ -134,7 +131,9 @@ struct Listed<'a> {
 
 fn parsed(text: &str) -> Result<Description, UnitError> {
     refuse_endless_xml(text.as_bytes()).map_err(|e| UnitError::Unsuited(format!("in its {DESCRIPTION} {e}")))?;
-    let options = ParsingOptions { nodes_limit: MOST_NODES, ..ParsingOptions::default() };
+    // most elements and texts of a description: each takes some hundred bytes of memory, of which all stay below 2
+    // GiB
+    let options = ParsingOptions { nodes_limit: 20_000_000, ..ParsingOptions::default() };
     let document = Document::parse_with_options(text, options)?;
     let root = document.root_element();
     let unsuited = |said: String| Err(UnitError::Unsuited(said));

@@ -11,7 +11,6 @@
 
 mod archive;
 mod description;
-mod differences;
 mod folders;
 mod functions;
 mod instance;

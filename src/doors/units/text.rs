@@ -10,9 +10,6 @@ use fdm_grammar::syntax::word_use;
 use std::collections::BTreeSet;
 use std::fmt::Write;
 
-/// Most arguments of all functions of a unit together.
-const MOST_ARGUMENTS: usize = 100_000;
-
 /// How the line begins that says which unit a text stands for.
 const HEAD: &str = "// functional mock-up unit ";
 
@@ -25,7 +22,8 @@ pub(crate) fn key(text: &str) -> Option<&str> {
 pub(crate) fn written(d: &Description, key: &str) -> Result<String, UnitError> {
     let (n, m, p) = (d.states.len(), d.inputs.len(), d.parameters.len());
     let functions = 2 * n + d.outputs.len();
-    if functions >= MOST_FUNCTIONS as usize || functions.saturating_mul(1 + n + m + p) > MOST_ARGUMENTS {
+    // most arguments of all functions of a unit together
+    if functions >= MOST_FUNCTIONS as usize || functions.saturating_mul(1 + n + m + p) > 100_000 {
         return Err(UnitError::Unsuited(format!(
             "the unit is too large for a part of a model: {n} states, {m} inputs, {p} parameters, {} outputs",
             d.outputs.len()

@@ -4,16 +4,15 @@
 //! written. **Never** touches what does not change. **Start** at [`apply`]: names, then numbers (`values`), changed equations
 //! (`terms`), and what the effect brings itself (`states`).
 
-mod states;
 mod terms;
 mod values;
 
 use crate::candidate::{Candidate, Choice};
-use crate::definition::{Effect, Kind};
+use crate::candidate::{Extension, NewParam};
+use crate::conditions::{Effect, Kind};
 use crate::dimension;
+use crate::edit::Taken;
 use crate::edit::{Editor, Line};
-use crate::extension::{Extension, NewParam};
-use crate::names::Taken;
 use crate::scales::{Scales, rounded};
 use crate::subject::Subject;
 use crate::turnover::Turnover;

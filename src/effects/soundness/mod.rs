@@ -3,9 +3,7 @@
 //! **In** an effect's tree. **Out** everything that is wrong with it. **Never** looks at a model: where an effect fits is a
 //! matter of its conditions. **Start** at [`mistakes`]: names, lines (`lines`), expressions (`expressions`), conditions and purpose (`purpose`).
 
-mod expressions;
 mod lines;
-mod purpose;
 
 use fdm_grammar::diagnostic::{Code, Diagnostic, nearest};
 use fdm_grammar::source::Span;

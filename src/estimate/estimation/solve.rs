@@ -1,12 +1,12 @@
 //! The road from a problem to its estimate.
 
-use crate::estimation::estimate::{BiasCorrection, Estimate, ParameterEstimate, Symmetric, matches};
+use super::{BiasCorrection, Estimate, ParameterEstimate, Symmetric, matches};
 use crate::estimation::smoothness::{Chosen, SmoothTables, choose};
 use crate::iteration::evaluation::{Evaluator, Failure, RunFailure};
 use crate::iteration::likelihood::{LikelihoodCost, of_parameters, space};
 use crate::iteration::optimizers::approach;
 use crate::iteration::priors::Priors;
-use crate::problem::degenerate::collapsed;
+use crate::problem::noise::collapsed;
 use crate::problem::noise::{Likelihood, Weights};
 use crate::problem::unknowns::Unknowns;
 use crate::problem::{Numbers, Options, Problem, ProblemError, ProblemRun};
@@ -15,11 +15,11 @@ use crate::uncertainty::correction::correct;
 use crate::uncertainty::cramer_rao::{CramerRao, conclude};
 use crate::uncertainty::curvature::{Curvature, Curved, Neighbourhood};
 use crate::uncertainty::identifiability::Direction;
-use crate::uncertainty::lost_unknowns::{Lost, Pin};
+use crate::uncertainty::identifiability::{Lost, Pin};
 use crate::uncertainty::parameters::Statistics;
 use crate::uncertainty::sandwich::{Corrected, Ended, Sandwich, Uncorrected};
+use crate::work::Termination;
 use crate::work::Work;
-use crate::work::termination::Termination;
 use fdm_grammar::model::TableNode;
 use fdm_numeric::least_squares::{Fallback, GaussNewton, Iteration, Options as StepOptions, Problem as _, Snapshot};
 use fdm_numeric::quadratic::Quadratic;
@@ -60,9 +60,6 @@ pub fn estimate_from(
     with_undetermined_held(problem, options, free, work)
 }
 
-/// Rounds in which what is left may turn out not to be determined either.
-const ROUNDS: usize = 3;
-
 /// What a parameter must gain of the logarithm of the likelihood (Akaike 1974).
 const WORTH: f64 = 1.0;
 
@@ -85,7 +82,8 @@ fn with_undetermined_held(
     let mut pins: Vec<Pin> = Vec::new();
     // of a bare estimation nobody reads errors, and one that was stopped has no time
     let worthwhile = |found: &Solved| options.colour && found.estimate.termination.is_good() && work.goes_on();
-    'rounds: for _ in 0..ROUNDS {
+    // rounds in which what is left may turn out not to be determined either
+    'rounds: for _ in 0..3 {
         if !best.lost.iter().any(|l| !l.bound) {
             break;
         }
@@ -407,8 +405,6 @@ fn beside_smooth_nodes(problem: &Problem<'_>, directions: Vec<Direction>) -> Vec
 /// Most Gauss-Newton steps to a maximum that is near, and the parts of each that are tried.
 const NEAR: usize = 8;
 const PARTS: [f64; 4] = [1.0, 0.5, 0.25, 0.125];
-/// Part of a step by which rounding may shorten it.
-const ROUNDED: f64 = 1e-9;
 /// Damping where the data do not determine all unknowns, as part of their scaled information.
 const DAMPING: f64 = 1e-8;
 
@@ -441,7 +437,8 @@ fn bounded_step(quadratic: &Quadratic, values: &[f64], unknowns: &Unknowns) -> V
             let value = values[j] + step / quadratic.scale[j];
             (value.clamp(unknowns.lower[j], unknowns.upper[j]) - values[j]) * quadratic.scale[j]
         };
-        let is_within = |j: &usize| (bounded(*j, step[*j]) - step[*j]).abs() <= ROUNDED * step[*j].abs();
+        // part of a step by which rounding may shorten it
+        let is_within = |j: &usize| (bounded(*j, step[*j]) - step[*j]).abs() <= 1e-9 * step[*j].abs();
         let (within, beyond): (Vec<usize>, Vec<usize>) = chosen.iter().partition(|j| is_within(j));
         if beyond.is_empty() {
             break;

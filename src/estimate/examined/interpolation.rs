@@ -6,11 +6,11 @@
 //! `d'R d/s^4`, R its autocovariances: what the same difference then says is its likelihood ratio under these two normal laws, the white
 //! one divided by `d'R d/(s^2 d'd)` (the power of the noise where the responses differ, beside its mean power).
 
-use crate::estimation::estimate::ParameterEstimate;
+use crate::estimation::ParameterEstimate;
 use crate::estimation::solve::{NearMaximum, near_maximum};
 use crate::examined::input_interpolation::{EstimateMove, InputInterpolation};
-use crate::methods::output_error::attempt::Attempt;
 use crate::methods::output_error::fit::Fit;
+use crate::methods::output_error::options::Attempt;
 use crate::methods::output_error::options::FitOptions;
 use crate::methods::output_error::single::weights;
 use crate::problem::Problem;

@@ -4,12 +4,12 @@
 //! (Rao's score test, in which all others may move). Where that pays, a second look at the residuals of that step allows for their colour; and where it
 //! still pays, the model is fitted with these initial values free. Nothing is told that this fit does not bear out.
 
-use crate::estimation::estimate::{ParameterEstimate, Status};
+use crate::estimation::{ParameterEstimate, Status};
 use crate::examined::doubted_initials::{DoubtedInitial, DoubtedInitials, MovedParameter};
-use crate::iteration::normal_equations::NormalEquations;
-use crate::methods::output_error::attempt::Attempt;
+use crate::iteration::evaluation::NormalEquations;
 use crate::methods::output_error::error::FitError;
 use crate::methods::output_error::fit::Fit;
+use crate::methods::output_error::options::Attempt;
 use crate::methods::output_error::options::{Continuation, FitOptions, SharedSteps};
 use crate::methods::spectra::initial_conditions::{all_are_free, with_initials};
 use crate::methods::time_domain::fit_from;
@@ -26,12 +26,8 @@ use nalgebra::{DMatrix, DVector};
 /// Probability, over all initial values of a model together, of a remark on values that are right. Errors that allow for the colour of residuals are known
 /// to a tenth or so: what is meant to happen once in a thousand fits then happens in a few.
 const CHANCE: f64 = 1e-3;
-/// Most columns of one system of normal equations: solved in less than a second.
-const MOST_COLUMNS: usize = 1000;
 /// Part of the information on an initial value that must be left beside all others: below it is a combination of them.
 const LEFT: f64 = 1e-8;
-/// Most lags of which the correlation of residuals is summed.
-const MOST_LAGS: usize = 1000;
 
 /// What the data say of the initial values that the model states; none where they do not contradict them, or where that cannot be told: of a fit that did
 /// not converge, without squares of residuals as its loss, or without errors that allow for coloured residuals. `thetas` are all parameters of each run at
@@ -130,7 +126,8 @@ impl<'f> Freed<'f> {
         let squares = (0..q).map(of_output).collect();
         let starts = thetas.iter().zip(&stated).map(|(theta, own)| [&theta[..], own].concat()).collect();
         let freed = Self { fit, runs, thetas, starts, model, initials, stated, held, squares };
-        (unknowns <= MOST_COLUMNS).then_some(freed)
+        // most columns of one system of normal equations: solved in less than a second
+        (unknowns <= 1000).then_some(freed)
     }
 
     /// Values that are compared.
@@ -292,7 +289,8 @@ fn alike(runs: &[Vec<f64>], squares: f64) -> f64 {
         let of_run = |v: &Vec<f64>| v.iter().zip(v.iter().skip(k)).map(|(a, b)| a * b).sum::<f64>();
         runs.iter().map(of_run).sum::<f64>() / squares.max(f64::MIN_POSITIVE)
     };
-    1.0 + 2.0 * (1..longest.min(MOST_LAGS)).map(lag).take_while(|r| *r > 0.0).sum::<f64>()
+    // most lags of which the correlation of residuals is summed
+    1.0 + 2.0 * (1..longest.min(1000)).map(lag).take_while(|r| *r > 0.0).sum::<f64>()
 }
 
 /// The value of a state at the beginning of a run that the model states, at all its parameters.

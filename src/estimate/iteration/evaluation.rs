@@ -7,6 +7,8 @@
 //! valley of the cost a straight step leaves the valley floor at once; a step that follows the curve can be many times
 //! longer (geodesic acceleration: Transtrum and Sethna 2012). It needs one more simulation and one more sweep of
 //! sensitivities, and is used only where full steps fail.
+//!
+//! The normal equations of a problem at given values: what one Gauss-Newton step is made of, for whoever iterates differently.
 
 use super::sums::{Moments, Sums};
 use crate::problem::response::RunResponse;
@@ -336,4 +338,83 @@ fn second_derivative(block: &Block<'_>, ahead: &[f64], step: &[f64], (sample, ou
     let difference = (ahead[k] - block.y[k]) / AHEAD - slope;
     let rounding = 64.0 * f64::EPSILON * block.y[k].abs() / AHEAD;
     if difference.abs() > rounding { 2.0 / AHEAD * difference } else { 0.0 }
+}
+
+/// J'R^-1 J and J'R^-1 v of all runs, for known noise; the Jacobian itself is never stored.
+pub struct NormalEquations<'e, 'a> {
+    evaluator: Evaluator<'e, 'a>,
+    /// 1 over the variance of each output.
+    weights: Vec<f64>,
+    information: Vec<f64>,
+    gradient: Vec<f64>,
+    squares: f64,
+}
+
+/// A run that has no finite response, or no finite sensitivities, at the given values.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("run {} is not finite at these values", run + 1)]
+pub struct NotFinite {
+    /// Index of the run.
+    pub run: usize,
+}
+
+impl<'e, 'a> NormalEquations<'e, 'a> {
+    /// Prepares; `deviations` are the standard deviations of the outputs' noise (q).
+    pub fn new(problem: &'e mut Problem<'a>, deviations: &[f64]) -> Self {
+        let unknowns = Unknowns::new(problem);
+        let size = unknowns.len();
+        Self {
+            evaluator: Evaluator::owning(problem, unknowns),
+            weights: deviations.iter().map(|s| 1.0 / (s * s)).collect(),
+            information: vec![0.0; size * size],
+            gradient: vec![0.0; size],
+            squares: 0.0,
+        }
+    }
+
+    /// Evaluates at `values`: shared free parameters in the model's order, then for every run its own (P).
+    ///
+    /// # Errors
+    /// [`NotFinite`] for the first run that fails.
+    pub fn evaluate(&mut self, values: &[f64]) -> Result<(), NotFinite> {
+        self.evaluator.evaluate(values, Want::Sensitivities(None)).map_err(|f| NotFinite { run: f.run })?;
+        self.information.fill(0.0);
+        self.gradient.fill(0.0);
+        self.squares = 0.0;
+        let (unknowns, size) = (self.evaluator.unknowns(), self.gradient.len());
+        for (run, sums) in self.evaluator.sums().enumerate() {
+            for (group, weight) in sums.groups.iter().zip(&self.weights) {
+                for (column, others, products, with_residual) in group.rows() {
+                    let i = unknowns.position(run, column);
+                    let information = &mut self.information[i * size..][..size];
+                    for (other, product) in others.iter().zip(products) {
+                        information[unknowns.position(run, *other as usize)] += weight * product;
+                    }
+                    self.gradient[i] += weight * with_residual;
+                }
+                self.squares += weight * group.square();
+            }
+        }
+        for i in 0..size {
+            for j in 0..i {
+                self.information[i * size + j] = self.information[j * size + i];
+            }
+        }
+        Ok(())
+    }
+
+    /// J'R^-1 J (P by P), of the last evaluation.
+    pub fn information(&self) -> &[f64] {
+        &self.information
+    }
+
+    /// J'R^-1 v with the residuals v = measured - response (P).
+    pub fn gradient(&self) -> &[f64] {
+        &self.gradient
+    }
+
+    /// v'R^-1 v.
+    pub fn squares(&self) -> f64 {
+        self.squares
+    }
 }

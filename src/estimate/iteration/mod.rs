@@ -5,7 +5,6 @@
 
 pub(super) mod evaluation;
 pub(super) mod likelihood;
-pub(super) mod normal_equations;
 pub(super) mod optimizers;
 pub(super) mod priors;
 pub(super) mod products;

@@ -21,8 +21,6 @@ const PATIENCE: u64 = 400;
 const SPREAD: f64 = 1e-3;
 /// First edges of the simplex, relative to the unknown.
 const EDGE: f64 = 0.2;
-/// Steps that the quasi-Newton method remembers.
-const MEMORY: usize = 10;
 /// Stands for a cost that is not finite: argmin leaves NaN and infinity to its callers.
 const HOPELESS: f64 = 1e150;
 
@@ -147,7 +145,8 @@ impl<'s, 'c, 'e, 'a> Cost<'s, 'c, 'e, 'a> {
     fn quasi_newton(self, start: Vec<f64>) -> (&'s mut LikelihoodSteps<'c, 'e, 'a>, Vec<f64>, bool) {
         let most = PATIENCE * start.len() as u64;
         let seen = RefCell::new(self);
-        let solver: LBFGS<_, Vec<f64>, Vec<f64>, f64> = LBFGS::new(MoreThuenteLineSearch::new(), MEMORY);
+        // steps that the quasi-Newton method remembers
+        let solver: LBFGS<_, Vec<f64>, Vec<f64>, f64> = LBFGS::new(MoreThuenteLineSearch::new(), 10);
         let _ = Executor::new(Shared(&seen), Watched { solver, seen: &seen })
             .configure(|state: IterState<Vec<f64>, Vec<f64>, (), (), (), f64>| state.param(start).max_iters(most))
             .timer(false)

@@ -5,15 +5,12 @@
 //! processor's registers gives the same bits, and so does every division into blocks.
 
 use super::products::{PlaneSums, WIDE, accumulate};
-use fdm_numeric::dense::triangle;
+use fdm_numeric::dense::panels;
+use fdm_numeric::lanes::VECTOR;
 use fdm_system::simulate::{Block, Planes};
 
-/// Lanes of the longest vector that the loops are laid out for.
-const LANES: usize = 8;
 /// Rows that are worked off together where they must be copied first.
 const ROWS: usize = 32;
-/// Rows that are worked off together where they are long and must be copied first.
-const MANY_ROWS: usize = 256;
 /// Order from which sums do not stay in the innermost cache between two blocks: rows wait until there are some.
 const LARGE: usize = 48;
 const SOME_ROWS: usize = 64;
@@ -190,7 +187,8 @@ impl Sums {
         let (row, group) = (&block.layout.outputs[output], &mut self.groups[output]);
         group.lay_out(&row.columns, row.width);
         let (rows, order) = (&block.rows[row.start..], row.columns.len() + 1);
-        let enough = if order >= WIDE { MANY_ROWS } else { SOME_ROWS };
+        // rows that are worked off together where they are long and must be copied first
+        let enough = if order >= WIDE { 256 } else { SOME_ROWS };
         if order >= WIDE || order >= LARGE && block.samples() < ROWS {
             let samples = block.rows.chunks_exact(block.layout.length).take(block.samples());
             samples.for_each(|lanes| group.waiting.extend_from_slice(&lanes[row.start..][..row.width]));
@@ -210,14 +208,14 @@ impl Sums {
         for samples in rows.chunks(ROWS * block.layout.length) {
             waiting.clear();
             samples.chunks(block.layout.length).for_each(|s| waiting.extend_from_slice(&s[row.start..][..row.width]));
-            triangle::reduce(&mut group.values, row.columns.len() + 1, waiting, row.width, work);
+            panels::reduce(&mut group.values, row.columns.len() + 1, waiting, row.width, work);
         }
     }
 
     fn add_mixed(&mut self, block: &Block<'_>, whitener: &[f64]) {
         if self.groups[0].columns.len() != self.columns || self.groups[0].width == 0 {
             let all: Vec<u32> = (0..self.columns as u32).collect();
-            self.groups[0].lay_out(&all, (self.columns + 1).next_multiple_of(LANES));
+            self.groups[0].lay_out(&all, (self.columns + 1).next_multiple_of(VECTOR));
         }
         let width = self.groups[0].width;
         self.waiting.resize(ROWS * width, 0.0);
@@ -241,7 +239,7 @@ impl Sums {
         let Group { width, values, .. } = &mut self.groups[0];
         let rows = &mut self.waiting[..filled * *width];
         if self.precise {
-            triangle::reduce(values, order, rows, *width, &mut self.work);
+            panels::reduce(values, order, rows, *width, &mut self.work);
         } else {
             accumulate(rows, *width, filled, *width, order, values);
         }
@@ -291,7 +289,7 @@ pub(crate) struct Moments {
 
 impl Moments {
     pub(crate) fn new(outputs: usize) -> Self {
-        let width = outputs.next_multiple_of(LANES);
+        let width = outputs.next_multiple_of(VECTOR);
         Self { outputs, width, sums: vec![0.0; outputs * width], residuals: vec![0.0; ROWS * width] }
     }
 

@@ -1,12 +1,12 @@
 //! Output error in the time domain, whole: start values, one fit or many, fallback strategies, then what was asked about the
 //! confidence in the result; and what a result predicts of other runs.
 
-use crate::estimation::estimate::RunFit;
-use crate::estimation::table_nodes::add_tables;
-use crate::examined::few_samples::few_samples;
+use super::output_error::options::{Attempt, after};
+use crate::estimation::RunFit;
+use crate::estimation::smoothness::add_tables;
 use crate::examined::interpolation::{compare, uncompared};
 use crate::examined::stated_initials::doubted_initials;
-use crate::methods::output_error::attempt::{Attempt, after};
+use crate::examined::unexplained::few_samples;
 use crate::methods::output_error::cross_validation::weights_by_validation;
 use crate::methods::output_error::error::{FitError, StrategyError};
 use crate::methods::output_error::fit::Fit;
@@ -15,17 +15,17 @@ use crate::methods::output_error::options::{FitOptions, SharedSteps};
 use crate::methods::output_error::robust::mistake;
 use crate::methods::output_error::single::{changed, chosen_steps, integration_faults, starts};
 use crate::problem::Options;
-use crate::problem::changes::Changes;
 use crate::problem::method::{Domain, Method, SmoothBy};
 use crate::problem::noise::Noise;
-use crate::recovery::completion::{completed, without_noise};
+use crate::problem::unknowns::Changes;
 use crate::recovery::confidence::{fit_shorter_records, refit_with_weights};
 use crate::recovery::fallback::attempt;
-use crate::recovery::interpolable::unless_interpolable;
+use crate::recovery::fallback::unless_interpolable;
+use crate::recovery::fallback::{completed, without_noise};
 use crate::recovery::multi_start::{StartSearch, many_starts, unbounded};
 use crate::residuals::run_quality;
+use crate::work::Budget;
 use crate::work::Work;
-use crate::work::budget::Budget;
 use crate::work::checkpoint::{CheckpointWriter, EstimationStates};
 use fdm_grammar::model::Origin;
 use fdm_system::model::Model;

@@ -1,25 +1,20 @@
 //! What is to be estimated from what: parameters, runs, options, and everything that can be wrong with them.
 
-pub(crate) mod affine;
-pub(crate) mod changes;
-pub(crate) mod degenerate;
-pub(crate) mod derived;
 pub(crate) mod initial;
 pub(crate) mod method;
 pub(crate) mod noise;
 pub(crate) mod response;
 pub(crate) mod unknowns;
-mod unobserved_states;
 
-use crate::problem::affine::affine;
-use crate::problem::derived::DerivedQuantities;
 use crate::problem::method::{Optimizer, SmoothBy};
 use crate::problem::noise::Noise;
 use crate::problem::response::RunResponse;
 use crate::residuals::NoiseVariation;
 use fdm_grammar::model::{Model, Param, Prior, Table};
+use response::affine;
 use serde::Serialize;
 use std::fmt;
+use unknowns::DerivedQuantities;
 
 /// One run of a problem.
 pub struct ProblemRun<'a> {

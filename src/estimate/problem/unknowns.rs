@@ -2,9 +2,19 @@
 //!
 //! A search may take the logarithm of a positive parameter for its unknown ([`Unknowns::searched`]); what follows from the values
 //! that were found (standard errors, bounds) is of the parameters themselves.
+//!
+//! Quantities that follow from the parameters, with standard errors by the delta method.
+//!
+//! What a user changes about a model's parameters before an estimation: start values, fixing, freeing.
 
 use crate::problem::Problem;
+use fdm_grammar::diagnostic::nearest;
+use fdm_grammar::graph::Leaf;
+use fdm_grammar::model::{Model, Param};
 use fdm_numeric::elementary::{exp, log};
+use fdm_system::dynamics::{Dynamics, Workspace};
+use serde::Serialize;
+use std::fmt;
 
 /// What is estimated, as it is called while the estimation works.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -194,5 +204,214 @@ impl Unknowns {
             let unknown = self.position(run, c);
             theta[*k] = self.parameter(unknown, values[unknown]);
         }
+    }
+}
+
+/// Name and kind of a derived quantity.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DerivedName {
+    /// Its name.
+    pub name: String,
+    /// Its unit, as text.
+    pub unit: Option<String>,
+    /// Whether it depends on a per-run parameter and so has a value in every run.
+    pub per_run: bool,
+    /// Whether it is a declared parameter that is tied to others.
+    pub tied: bool,
+}
+
+type Evaluate<'a> = Box<dyn FnMut(&[f64], &mut [f64]) + Send + 'a>;
+
+/// The derived quantities of a model, as a function of all its parameters.
+pub struct DerivedQuantities<'a> {
+    /// What they are called.
+    pub names: Vec<DerivedName>,
+    /// Parameters (p) to values (one for each name).
+    pub evaluate: Evaluate<'a>,
+}
+
+impl<'a> DerivedQuantities<'a> {
+    /// No derived quantity.
+    pub fn none() -> Self {
+        Self { names: Vec::new(), evaluate: Box::new(|_, _| ()) }
+    }
+
+    /// Derived quantities that the model declares, computed by its programs.
+    pub fn of(model: &Model, dynamics: &'a dyn Dynamics) -> Self {
+        let per_run = model.graph.depends(|leaf| matches!(leaf, Leaf::Param(k) if model.params[k as usize].per_run));
+        let name = |d: &fdm_grammar::model::Derived| DerivedName {
+            name: d.quantity.name.clone(),
+            unit: d.quantity.unit.as_ref().map(ToString::to_string),
+            per_run: per_run[d.expr.index()],
+            tied: d.tied,
+        };
+        let (mut work, mut known) = (Workspace::new(dynamics), vec![0.0; dynamics.layout().known]);
+        let range = dynamics.layout().derived.clone();
+        let evaluate = move |theta: &[f64], out: &mut [f64]| {
+            dynamics.prepare(theta, &mut known, &mut work);
+            out.copy_from_slice(&known[range.clone()]);
+        };
+        Self { names: model.derived.iter().map(name).collect(), evaluate: Box::new(evaluate) }
+    }
+
+    /// Values at `theta` and their gradients by the parameters `columns` (one row for each quantity), by central
+    /// differences over a step that balances truncation against rounding (relative error about 1e-10); `size` is the
+    /// size of a parameter whose value is zero.
+    pub(crate) fn linearise(&mut self, theta: &[f64], columns: &[usize], size: &[f64]) -> (Vec<f64>, Vec<Vec<f64>>) {
+        let count = self.names.len();
+        let mut at = |theta: &[f64]| {
+            let mut out = vec![0.0; count];
+            (self.evaluate)(theta, &mut out);
+            out
+        };
+        let values = at(theta);
+        let mut gradients = vec![vec![0.0; columns.len()]; count];
+        let mut moved = theta.to_vec();
+        for (c, k) in columns.iter().enumerate() {
+            let reach = theta[*k].abs().max(size[c]);
+            let step = f64::EPSILON.cbrt() * if reach > 0.0 { reach } else { 1.0 };
+            let (low, high) = (theta[*k] - step, theta[*k] + step);
+            moved[*k] = high;
+            let above = at(&moved);
+            moved[*k] = low;
+            let below = at(&moved);
+            moved[*k] = theta[*k];
+            for (i, row) in gradients.iter_mut().enumerate() {
+                row[c] = (above[i] - below[i]) / (high - low);
+            }
+        }
+        (values, gradients)
+    }
+}
+
+/// Changes by name, applied in the order: set, fix, free.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Changes {
+    /// New start values.
+    pub set: Vec<(String, f64)>,
+    /// Parameters that are not to be estimated.
+    pub fix: Vec<String>,
+    /// Parameters that are to be estimated although the model declares them `fixed`.
+    pub free: Vec<String>,
+}
+
+impl Changes {
+    /// Changes the parameters. Says whether one that was `fixed` is now free: the model's programs hold no partials
+    /// by fixed parameters, so that its schedule must then be made anew.
+    ///
+    /// # Errors
+    /// All mistakes at once; the parameters are then unchanged.
+    pub fn apply(&self, params: &mut [Param]) -> Result<bool, Vec<ChangeError>> {
+        let mut mistakes = Vec::new();
+        let mut changed = params.to_vec();
+        let find = |name: &String, mistakes: &mut Vec<ChangeError>| {
+            let place = params.iter().position(|p| p.quantity.name == *name && !p.is_recorded());
+            if place.is_none() {
+                let known = params.iter().filter(|p| !p.is_recorded()).map(|p| p.quantity.name.as_str());
+                let hint = nearest(name, known).map(String::from);
+                mistakes.push(ChangeError::Unknown { name: name.clone(), nearest: hint });
+            }
+            place
+        };
+        for (name, value) in &self.set {
+            let Some(k) = find(name, &mut mistakes) else { continue };
+            let others = self.set.iter().filter(|(other, _)| other == name);
+            if let Some((_, other)) = others.clone().next_back().filter(|(_, other)| other != value) {
+                mistakes.push(ChangeError::SetTwice { name: name.clone(), values: [*value, *other] });
+            }
+            let (name, value) = (name.clone(), *value);
+            let Param { lower, upper, .. } = changed[k];
+            if !value.is_finite() {
+                mistakes.push(ChangeError::NotFinite { name, value });
+            } else if !(lower <= value && value <= upper) {
+                mistakes.push(ChangeError::OutsideBounds { name, value, lower, upper });
+            }
+            changed[k].value = value;
+        }
+        for name in &self.fix {
+            if let Some(k) = find(name, &mut mistakes) {
+                changed[k].fixed = true;
+            }
+            if self.free.contains(name) {
+                mistakes.push(ChangeError::FixedAndFree { name: name.clone() });
+            }
+        }
+        let mut freed = false;
+        for name in &self.free {
+            if let Some(k) = find(name, &mut mistakes) {
+                freed |= std::mem::replace(&mut changed[k].fixed, false);
+            }
+        }
+        if !mistakes.is_empty() {
+            return Err(mistakes);
+        }
+        params.clone_from_slice(&changed);
+        Ok(freed)
+    }
+}
+
+/// A change that cannot be made.
+#[derive(Debug, Clone, PartialEq)]
+#[allow(missing_docs, reason = "the message below each variant says what its fields are")]
+pub enum ChangeError {
+    Unknown { name: String, nearest: Option<String> },
+    NotFinite { name: String, value: f64 },
+    OutsideBounds { name: String, value: f64, lower: f64, upper: f64 },
+    FixedAndFree { name: String },
+    SetTwice { name: String, values: [f64; 2] },
+}
+
+impl fmt::Display for ChangeError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Unknown { name, nearest: Some(hint) } => {
+                write!(f, "the model has no parameter `{name}`; did you mean `{hint}`?")
+            }
+            Self::Unknown { name, nearest: None } => write!(f, "the model has no parameter `{name}`"),
+            Self::NotFinite { name, value } => write!(f, "`{name}` cannot start at {value}"),
+            Self::OutsideBounds { name, value, lower, upper } => {
+                write!(f, "`{name}` cannot start at {value}: its bounds are [{lower}, {upper}]")
+            }
+            Self::SetTwice { name, values: [one, other] } => {
+                write!(f, "`{name}` is set to {one} and to {other}: give one value")
+            }
+            Self::FixedAndFree { name } => write!(f, "`{name}` is both to be fixed and to be free"),
+        }
+    }
+}
+
+impl std::error::Error for ChangeError {}
+
+#[cfg(test)]
+mod changes_tests {
+    use super::*;
+    use crate::specimen::param;
+
+    #[test]
+    fn changes_are_made_by_name_and_freeing_is_told() {
+        let mut params = vec![param("a", 1.0), param("b", 2.0)];
+        params[1].fixed = true;
+        let set = Changes { set: vec![("a".into(), 3.0)], fix: vec!["a".into()], free: vec![] };
+        assert_eq!(set.apply(&mut params), Ok(false));
+        assert_eq!((params[0].value, params[0].fixed), (3.0, true));
+        let free = Changes { free: vec!["b".into()], ..Changes::default() };
+        assert_eq!(free.apply(&mut params), Ok(true));
+        assert!(!params[1].fixed);
+    }
+
+    #[test]
+    fn all_mistakes_are_told_at_once_and_nothing_is_changed() {
+        let mut params = vec![param("alpha", 1.0)];
+        params[0].upper = 2.0;
+        let changes = Changes {
+            set: vec![("alpha".into(), 5.0), ("alhpa".into(), 1.0)],
+            fix: vec!["alpha".into()],
+            free: vec!["alpha".into()],
+        };
+        let texts: Vec<String> =
+            changes.apply(&mut params).expect_err("three mistakes").iter().map(ToString::to_string).collect();
+        assert_eq!(texts.len(), 3);
+        assert!(texts[1].contains("did you mean `alpha`"), "{texts:?}");
+        assert_eq!((params[0].value, params[0].fixed), (1.0, false));
     }
 }

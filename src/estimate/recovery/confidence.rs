@@ -2,11 +2,11 @@
 //! with other weights of the outputs. Parameters that settle as the record grows, and stay under other weights, deserve
 //! confidence; those that wander do not.
 
-use crate::estimation::estimate::ParameterEstimate;
-use crate::methods::output_error::attempt::{Attempt, after};
+use crate::estimation::ParameterEstimate;
 use crate::methods::output_error::error::FitError;
 use crate::methods::output_error::fit::{Fit, LengthFit, Reweighting, Variation, Weight};
 use crate::methods::output_error::options::FitOptions;
+use crate::methods::output_error::options::{Attempt, after};
 use crate::problem::Options;
 use crate::problem::noise::Noise;
 use crate::recovery::continuation::Length;
@@ -164,8 +164,8 @@ fn change(base: &ParameterEstimate, varied: &Fit) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::estimation::estimate::Status;
-    use crate::work::termination::{Reason, Termination};
+    use crate::estimation::Status;
+    use crate::work::{Reason, Termination};
 
     fn parameter(name: &str, value: f64, error: Option<f64>) -> ParameterEstimate {
         ParameterEstimate {

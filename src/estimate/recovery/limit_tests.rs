@@ -3,7 +3,7 @@
 use crate::methods::output_error::options::{Continuation, FitOptions, MultiStart};
 use crate::methods::time_domain::fit;
 use crate::problem::Options;
-use crate::work::termination::Termination;
+use crate::work::Termination;
 use crate::work::{Observer, Work};
 use fdm_numeric::halt::{Halt, Stop};
 use fdm_numeric::least_squares::Iteration;

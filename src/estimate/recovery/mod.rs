@@ -3,18 +3,12 @@
 //! **In** a model, runs, and where a single fit ended. **Out** better ends, estimates by length and by weights.
 //! **Never** hides what was tried. **Start** at [`fallback`].
 
-pub(super) mod completion;
 pub(super) mod confidence;
 pub(super) mod continuation;
 pub(super) mod fallback;
-pub(crate) mod free_response;
-pub(super) mod interpolable;
 #[cfg(test)]
 mod limit_tests;
-mod magnitudes;
-pub(super) mod multi_start;
+pub(crate) mod multi_start;
 mod screening;
-mod segmented_response;
+pub(crate) mod segmented_response;
 mod shooting;
-pub(crate) mod spread;
-mod substitution;

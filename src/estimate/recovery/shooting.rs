@@ -5,20 +5,20 @@
 //! known deviation that shrinks, and what they should be is shifted until they vanish. A fit of the uncut model
 //! ends it where that is possible.
 
-use crate::estimation::estimate::{Estimate, RunFit, Status, Symmetric};
 use crate::estimation::solve::estimate;
-use crate::methods::output_error::attempt::Attempt;
+use crate::estimation::{Estimate, RunFit, Status, Symmetric};
 use crate::methods::output_error::error::{FitError, StrategyError};
+use crate::methods::output_error::fit::IntegrationFault;
 use crate::methods::output_error::fit::{Continuity, Fit};
-use crate::methods::output_error::integration_fault::IntegrationFault;
+use crate::methods::output_error::options::Attempt;
 use crate::methods::output_error::options::{FitOptions, Shooting};
 use crate::methods::output_error::single::single_fit;
 use crate::problem::noise::Noise;
 use crate::problem::response::RunResponse;
 use crate::problem::{Options, Problem, ProblemRun};
 use crate::recovery::segmented_response::{Segment, SegmentModels, SegmentedResponse, Sizes, initial_state};
+use crate::work::Termination;
 use crate::work::Work;
-use crate::work::termination::Termination;
 use crate::{DerivedQuantities, initial_guess};
 use fdm_system::model::Model;
 use fdm_system::record::Run;
@@ -118,8 +118,6 @@ pub(crate) fn shoot(attempt: &Attempt<'_>, shooting: Shooting) -> Result<Fit, Fi
 
 /// Part of a unit of the logarithm of the likelihood; below it, estimates differ by a part of their standard errors.
 const NEGLIGIBLE: f64 = 0.1;
-/// Rounding of a cost that is summed over many cells, as a part of it.
-const ROUNDING: f64 = 64.0 * f64::EPSILON;
 
 /// Whether the fit of the uncut model has kept what shooting had found.
 fn as_good(polished: &Estimate, cut: &Estimate) -> bool {
@@ -505,7 +503,8 @@ impl WithoutCuts<'_> {
     /// parameters under the constraint that there are no gaps.
     pub(crate) fn of(&self, estimate: Estimate, gaps: f64) -> Estimate {
         // beside gaps this large the rest is rounding: a cost of -4.6e18 was one
-        let lost = estimate.cost.is_some() && gaps.abs() * ROUNDING > NEGLIGIBLE;
+        // rounding of a cost that is summed over many cells, as a part of it
+        let lost = estimate.cost.is_some() && gaps.abs() * (64.0 * f64::EPSILON) > NEGLIGIBLE;
         let cost = estimate.cost.map(|c| c - gaps).filter(|_| !lost);
         let own = |name: &str| self.params.param(name).is_some();
         let kept: Vec<usize> = (0..estimate.parameters.len())

@@ -7,21 +7,14 @@
 mod analysis;
 pub(crate) mod autocovariance;
 pub(crate) mod autoregression;
-mod baseline;
 mod diebold_mariano;
-mod distribution;
-mod input_correlation;
 pub(crate) mod noise_variation;
-mod output_fit;
-mod residual;
-mod whiteness;
+pub(crate) mod whiteness;
 
-pub use analysis::{OutputQuality, Signals, residual_quality, run_quality};
-pub use baseline::Baseline;
+pub use analysis::{
+    Baseline, Distribution, OutputFit, OutputQuality, Signals, TicParts, add_squares, compared, residual_quality,
+    residuals, run_quality,
+};
 pub use diebold_mariano::{Advantage, advantage};
-pub use distribution::Distribution;
-pub use input_correlation::InputCorrelation;
 pub use noise_variation::{Cause, NoiseVariation, Trend};
-pub use output_fit::{OutputFit, TicParts};
-pub use residual::{add_squares, compared, residuals};
-pub use whiteness::{ResidualSpectrum, RunsTest, Untested, Whiteness};
+pub use whiteness::{InputCorrelation, ResidualSpectrum, RunsTest, Untested, Whiteness};

@@ -17,8 +17,6 @@ const SIGNIFICANT: f64 = 0.01;
 const FEWEST: usize = 20;
 /// Share of the mean variance below which no variance falls.
 const LEAST: f64 = 1e-3;
-/// Rounds of the iteration for a curve.
-const ROUNDS: usize = 25;
 
 /// How the size of an output's noise depends on something.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize)]
@@ -207,14 +205,13 @@ fn cube_root(x: f64) -> f64 {
     if x < f64::MIN_POSITIVE { 0.0 } else { root }
 }
 
-/// Most lags at which sizes of normal residuals are taken to correlate.
-const MOST_LAGS: usize = 1000;
 /// Share of the variance of `(x^2)^(1/3)`, x normal, that its polynomial of second degree has; most of the rest is of the fourth.
 const SECOND: f64 = 0.765;
 
 /// Correlations of the sizes of normal residuals of this colour, as far as they matter: those of the residuals squared and to the fourth.
 fn of_normal(colour: &autoregression::AutoRegression, count: usize) -> Vec<f64> {
-    let most = colour.memory(count.min(MOST_LAGS)).min(count.saturating_sub(1));
+    // most lags at which sizes of normal residuals are taken to correlate
+    let most = colour.memory(count.min(1000)).min(count.saturating_sub(1));
     let r = colour.autocovariances(most);
     let one = |r: &f64| SECOND * r.powi(2) + (1.0 - SECOND) * r.powi(4);
     if r[0] > 0.0 { r.iter().map(|v| v / r[0]).map(|r| one(&r)).collect() } else { vec![1.0] }
@@ -392,7 +389,8 @@ impl Curve {
     /// Fisher's scoring, halved where it does not lead downhill.
     fn fitted(mut self, x: &[f64], squares: &[f64]) -> Self {
         let mut cost = self.cost(x, squares);
-        for _ in 0..ROUNDS {
+        // rounds of the iteration for a curve
+        for _ in 0..25 {
             let (mut normal, mut right) = ([0.0; 3], [0.0; 2]);
             for (x, s) in x.iter().zip(squares) {
                 let (variance, basis) = (self.at(*x), self.basis(*x));

@@ -9,17 +9,13 @@ use fdm_numeric::quadratic::{Inverse, Quadratic};
 use fdm_numeric::statistics::normal_tail;
 use nalgebra::{Cholesky, DMatrix, DVector};
 
-/// Most parameters at bounds that are looked behind.
-const MOST: usize = 32;
 /// Rounds of expectation propagation, and the change of a precision that ends them.
 const ROUNDS: usize = 100;
 const SETTLED: f64 = 1e-9;
 /// Deviations behind the bound from which on the tail of the normal law is exponential.
 const DEEP: f64 = 25.0;
 /// Probability that a limit leaves outside.
-const OUTSIDE: f64 = 0.05;
-/// Halvings of an interval in which a number is sought.
-const HALVINGS: usize = 60;
+pub(super) const OUTSIDE: f64 = 0.05;
 
 /// A parameter at its bound.
 #[derive(Debug, Clone, PartialEq)]
@@ -37,7 +33,8 @@ pub(crate) struct Held {
 /// The inverse information with those of `at` (unknown, side, room to the other bound) besides that it determines as well as all others.
 pub(crate) fn opened(quadratic: &mut Quadratic, inverse: Inverse, at: &[(usize, f64, f64)]) -> (Inverse, Vec<Held>) {
     let at: Vec<&(usize, f64, f64)> = at.iter().filter(|(j, ..)| quadratic.scale[*j] > 0.0).collect();
-    if at.is_empty() || at.len() > MOST || inverse.chosen.is_empty() {
+    // most parameters at bounds that are looked behind
+    if at.is_empty() || at.len() > 32 || inverse.chosen.is_empty() {
         return (inverse, Vec::new());
     }
     let mut with = |best: &Inverse, more: &[usize]| {
@@ -184,7 +181,8 @@ impl Cut {
                 let edge = |z: f64, d: f64| if z.is_finite() { z * d } else { 0.0 };
                 let variance = 1.0 + (edge(low, left) - edge(high, right)) / all - about * about;
                 let (mut from, mut to) = (low.max(-DEEP), high.min(low.max(0.0) + 2.0 * DEEP));
-                for _ in 0..HALVINGS {
+                // halvings of an interval in which a number is sought
+                for _ in 0..60 {
                     let middle = 0.5 * (from + to);
                     let beyond = (normal_tail(middle) - normal_tail(high)) / all;
                     (from, to) = if beyond > OUTSIDE { (middle, to) } else { (from, middle) };

@@ -24,8 +24,6 @@ use fdm_system::record::even_grid::EvenGrid;
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
 
-/// Rounds until the autoregression reproduces what was found.
-const ROUNDS: usize = 12;
 /// Rounds in which the orders may change.
 const SETTLING: usize = 6;
 /// Rounds in which the order rises by one after so many, where fitting took much from the residuals.
@@ -37,10 +35,6 @@ const SETTLED: f64 = 1e-3;
 const SIGNIFICANT: f64 = 0.01;
 /// Moments whose innovations are followed to the estimates together.
 const MOMENTS: usize = 64;
-/// Most numbers of all sensitivities together (half a gigabyte with what is made of them).
-const MOST_NUMBERS: usize = 20_000_000;
-/// Most products of sensitivities in one round (a second on one processor).
-const MOST_PRODUCTS: f64 = 2e9;
 
 /// Corrects the covariance of a bound at `values`; and gives the sensitivities and residuals of all runs that this took.
 ///
@@ -79,7 +73,8 @@ pub(super) fn corrected(
         if !covariance.iter().all(|v| v.is_finite()) {
             return Err(Uncorrected::NotFinite);
         }
-        let change = if round + 1 < climbing + ROUNDS {
+        // rounds until the autoregression reproduces what was found
+        let change = if round + 1 < climbing + 12 {
             let improve = |(l, f): (&mut LongRun, &Filtered)| {
                 let rows = &runs[l.run];
                 let most = if round < climbing { round.div_ceil(EACH) } else { usize::MAX };
@@ -167,7 +162,9 @@ fn rows(
         |(r, g): (&ProblemRun<'_>, &Option<EvenGrid>)| g.as_ref().map_or(r.response.samples(), EvenGrid::length);
     let samples = problem.runs.iter().zip(&grids).map(|(r, g)| length((r, g)) * r.response.outputs());
     let numbers = samples.sum::<usize>() * width;
-    if numbers > MOST_NUMBERS || numbers as f64 * width as f64 > MOST_PRODUCTS {
+    // most numbers of all sensitivities together (half a gigabyte with what is made of them)
+    // most products of sensitivities in one round (a second on one processor)
+    if numbers > 20_000_000 || numbers as f64 * width as f64 > 2e9 {
         return Err(Uncorrected::TooLarge);
     }
     let work = |(r, (run, grid)): (usize, (&mut ProblemRun<'_>, Option<EvenGrid>))| {

@@ -1,7 +1,7 @@
 //! Standard errors for the noise that there really is: which sandwich that is follows from what the numbers of the runs are.
 
 use super::coloured::corrected;
-use super::known_noise::corrected_known;
+use super::sandwich::corrected_known;
 use super::sandwich::{Corrected, Ended, Uncorrected};
 use super::spectra::corrected_spectra;
 use super::varying_noise::{allow, allow_spectra};

@@ -8,6 +8,7 @@
 //! known worst beside its value.
 
 use super::cramer_rao::CramerRao;
+use super::identifiability::PART;
 use super::sandwich::Corrected;
 use crate::iteration::likelihood::LikelihoodCost;
 use crate::uncertainty::parameters::quantile;
@@ -22,14 +23,10 @@ use serde::{Deserialize, Serialize};
 const HOLDS: f64 = 0.93;
 /// Part of the way to an interval's end at which the likelihood ends it already, below which the interval says too little.
 const HALF_WAY: f64 = 0.5;
-/// Part of a parameter in an undetermined direction above which it is not determined.
-const PART: f64 = 1e-4;
 /// Intervals by which a profile is followed beyond its interval, at most: twenty standard errors of known noise.
 const FURTHEST: f64 = 10.0;
 /// How near to the wanted distance an end is taken, as part of it.
 const NEAR: f64 = 0.02;
-/// Most values of a parameter on the way to an end.
-const SEARCH: usize = 10;
 /// Gauss-Newton steps of the others at one value, and the gain of the likelihood, in nats, below which there is no further one: a hundredth of what an
 /// interval of 95 % allows (half the square of 1.96).
 const ROUNDS: usize = 3;
@@ -191,7 +188,8 @@ impl Neighbourhood<'_, '_, '_, '_> {
         let farthest = side.bound.min(FURTHEST * end);
         let (mut below, mut above) = ((0.0, 0.0), None);
         let (mut at, mut distance) = (side.at, side.distance);
-        for round in 0..SEARCH {
+        // most values of a parameter on the way to an end
+        for round in 0..10 {
             if (distance - end).abs() <= NEAR * end {
                 return Some(at);
             } else if distance < end {

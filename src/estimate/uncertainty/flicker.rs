@@ -2,7 +2,7 @@
 //! octave of frequencies has the same power (Keshner 1982). Instruments drift so, and no single correlation time is theirs. As a process of a few states it
 //! is filtered exactly at any times, even or not (Kalman 1960).
 
-use super::gauss_markov::{Clock, LEAST, spaced};
+use super::noise_candidates::{Clock, LEAST, spaced};
 
 /// Factor from one correlation time to the next, at most: the density then leaves 1/f by 3 % at most between the ends.
 const STEP: f64 = 4.0;

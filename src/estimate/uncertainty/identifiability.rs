@@ -1,10 +1,12 @@
 //! Combinations of parameters that are not identifiable: the null space of the scaled information (Belsley, Kuh and Welsch 1980), in words.
+//!
+//! Unknowns that the data do not determine, and those that are held for it.
 
 use fdm_numeric::quadratic::Inverse;
 use serde::{Deserialize, Serialize};
 
 /// Part of a parameter in an undetermined direction above which the parameter is not determined.
-const PART: f64 = 1e-4;
+pub(super) const PART: f64 = 1e-4;
 
 /// Parts that differ by less, relative to the larger one, are equal but for rounding.
 const ALIKE: f64 = 1e-6;
@@ -225,6 +227,42 @@ fn leading(vectors: &[Vec<f64>]) -> Vec<usize> {
         pivots.push(column);
     }
     pivots
+}
+
+/// An unknown that is not estimated, and where it stays.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Pin {
+    /// Its place in the vector of unknowns.
+    pub(crate) unknown: usize,
+    /// Its value.
+    pub(crate) value: f64,
+}
+
+/// An unknown that the data do not determine by itself, or that went to a bound.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Lost {
+    /// Its place in the vector of unknowns.
+    pub(crate) unknown: usize,
+    /// Where it began.
+    pub(crate) start: f64,
+    /// Where it ended.
+    pub(crate) value: f64,
+    /// Whether its sensitivities are small, but not zero.
+    pub(crate) shows: bool,
+    /// Whether it is at a bound, and began inside.
+    pub(crate) bound: bool,
+}
+
+impl Lost {
+    /// Whether it is elsewhere than it began, or shows a little.
+    pub(crate) fn moved(&self) -> bool {
+        self.shows || self.value != self.start
+    }
+
+    /// Held at a value.
+    pub(crate) fn at(&self, value: f64) -> Pin {
+        Pin { unknown: self.unknown, value }
+    }
 }
 
 #[cfg(test)]

@@ -17,9 +17,6 @@ use fdm_numeric::quadratic::Inverse;
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
 
-/// Multiplicative iterations for the parts.
-const ITERATIONS: usize = 300;
-
 /// The effect of one simulation of the noise of one output, all runs together.
 struct Draw {
     /// The score of each chosen unknown through the measurement, and through the regressors (n).
@@ -172,7 +169,8 @@ fn left(signals: impl Iterator<Item = Vec<f64>>, q: usize) -> Vec<f64> {
 fn parts(sizes: &[Vec<f64>]) -> Vec<f64> {
     let q = sizes.len();
     let mut parts = vec![1.0; sizes.first().map_or(0, Vec::len)];
-    for _ in 0..ITERATIONS {
+    // multiplicative iterations for the parts
+    for _ in 0..300 {
         let sums: Vec<f64> = sizes.iter().map(|row| row.iter().zip(&parts).map(|(s, f)| s * f).sum()).collect();
         for (k, part) in parts[..q].iter_mut().enumerate() {
             let (wanted, all) = (0..q)

@@ -4,8 +4,9 @@
 //! All outputs share one model, or each has its own; both hypotheses are weighed. Each decorrelated output acts on the parameters by `S' R^-1 L`. A variance
 //! is then a mixture of values with weights, and the interval is that of the mixture.
 
-use super::arrow::{Arrow, Blocks};
-use super::gauss_markov::Clock;
+use super::bounds::OUTSIDE;
+use super::information::{Arrow, Blocks};
+use super::noise_candidates::Clock;
 use super::noise_candidates::{NoiseModel, candidates, log_prior, median_interval};
 use super::restricted_likelihood::{
     Decorrelated, Decorrelation, Likelihood, NormalEquations, Restricted, ShortRun, normal_equations,
@@ -340,8 +341,6 @@ fn growth(likely: &Likelihood, white: &Likelihood, k: usize) -> f64 {
 const MOST_VALUES: usize = 64;
 /// Weights below this are dropped.
 const LEAST_WEIGHT: f64 = 1e-9;
-/// Probability outside an interval.
-const OUTSIDE: f64 = 0.05;
 /// Fewest degrees of freedom, and those from which on Student's law is the normal law.
 const FREEDOM: [f64; 2] = [3.0, 1e6];
 /// Halvings of an interval in which a number is sought.

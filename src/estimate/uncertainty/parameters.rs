@@ -3,11 +3,11 @@
 
 use super::bounds::within;
 use super::cramer_rao::CramerRao;
+use super::identifiability::Lost;
 use super::identifiability::{Direction, Reach, faint, undetermined};
 use super::sandwich::Corrected;
 use crate::problem::Problem;
 use crate::problem::unknowns::Unknowns;
-use crate::uncertainty::lost_unknowns::Lost;
 use fdm_grammar::model::TableNode;
 use fdm_numeric::elementary::exp;
 use fdm_numeric::statistics::Student;

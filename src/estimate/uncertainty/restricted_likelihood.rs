@@ -1,8 +1,8 @@
 //! The restricted likelihood of the noise of several outputs (Patterson and Thompson 1971): that of what is left of the residuals when the parameters are free,
 //! so that what fitting takes off is not taken for quiet. Correlated outputs are decorrelated first, `L^-1 e` with the Cholesky factor L of their covariance.
 
-use super::arrow::{Arrow, Blocks, Parts};
-use super::gauss_markov::Clock;
+use super::information::{Arrow, Blocks, Parts};
+use super::noise_candidates::Clock;
 use super::noise_candidates::NoiseModel;
 use super::sensitivity_rows::SensitivityRows;
 use crate::iteration::products::accumulate;
@@ -152,8 +152,6 @@ pub(super) fn normal_equations(
     (NormalEquations { matrix, vector: blocks.parts(&vector), square, logarithm }, middle)
 }
 
-/// Rounds in which the scales of the outputs find each other.
-const ROUNDS: usize = 8;
 /// Degrees of freedom below which an output says nothing of its scale.
 const LEAST_FREEDOM: f64 = 0.5;
 /// Decorrelated of the information that is added so that what is not determined does no harm.
@@ -201,7 +199,8 @@ impl Restricted {
         let mut scales = vec![1.0; normals.len()];
         let mut freedom = self.samples.clone();
         let mut logarithm = 0.0;
-        for _ in 0..ROUNDS {
+        // rounds in which the scales of the outputs find each other
+        for _ in 0..8 {
             let (mut matrix, mut vector) = (self.others.clone(), self.pull.clone());
             for (n, scale) in normals.iter().zip(&scales) {
                 matrix.add_over(*scale, &n.matrix);

@@ -2,12 +2,11 @@
 //! (Bartlett 1955; the distance of Kolmogorov and Smirnov, in the form of Stephens 1974).
 
 use super::spectral_rows::{SpectralRows, independent};
+use crate::residuals::whiteness::SIGNIFICANT;
 use serde::{Deserialize, Serialize};
 
 /// Fewest independent coefficients for a test.
 const FEWEST: f64 = 10.0;
-/// Residuals count as coloured below this p-value.
-const SIGNIFICANT: f64 = 0.01;
 /// Terms of the law of Kolmogorov.
 const TERMS: i32 = 20;
 

@@ -72,9 +72,6 @@ fn multiply(corrected: &mut Corrected, plain: &[f64], varying: &[f64]) -> Result
     Ok(())
 }
 
-/// Numbers of samples, frequencies and estimates together beyond which not every sample is looked at.
-const MOST_TERMS: usize = 1 << 30;
-
 /// Lets corrected errors of spectra allow for noise of varying size. An estimate is a sum `sum_t h(t) v(t)` over the
 /// noise of the samples, h the inverse transform of `D S* R^-1` in units of the local noise; noise whose variance
 /// varies by G^2 multiplies its variance by `sum h^2 G^2 / sum h^2`.
@@ -101,7 +98,8 @@ pub(super) fn allow_spectra(
     let (mut plain, mut varying) = (vec![0.0; n], vec![0.0; n]);
     for ((r, run), shapes) in runs.iter().enumerate().zip(&sizes.shapes) {
         let places = sandwich.columns(r, run.width);
-        let stride = (run.samples * run.omega.len() * n * q).div_ceil(MOST_TERMS).max(1);
+        // numbers of samples, frequencies and estimates together beyond which not every sample is looked at
+        let stride = (run.samples * run.omega.len() * n * q).div_ceil(1 << 30).max(1);
         let turn: Vec<Complex64> = run.omega.iter().map(|w| Complex64::cis(-w * run.dt * stride as f64)).collect();
         for (o, shape) in shapes.iter().enumerate() {
             let influence = run.influence(o, &power, &inverse_noise, &places);

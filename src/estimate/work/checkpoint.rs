@@ -25,8 +25,6 @@ pub trait CheckpointStore: Send + Sync {
 
 /// States are not kept more often than this.
 const LEAST: Duration = Duration::from_millis(50);
-/// Time that passes before the next keeping, relative to what the last took: 5 percent of the time at most.
-const SHARE: u32 = 20;
 
 /// What is kept under one name: the states of all estimations of an attempt so far, and what came out when it has ended.
 #[derive(Debug, Default, Serialize, Deserialize)]
@@ -92,7 +90,8 @@ impl Pending {
         let begun = Instant::now();
         // what cannot be kept now is tried again later; the keeper tells the user
         self.states.retain(|name, state| keeper.keep(name, state).is_err());
-        self.due = Instant::now() + LEAST.max(SHARE * begun.elapsed());
+        // time that passes before the next keeping, relative to what the last took: 5 percent of the time at most
+        self.due = Instant::now() + LEAST.max(20 * begun.elapsed());
     }
 }
 

@@ -4,9 +4,9 @@
 //! front (Atkinson and Fedorov 1975; Box and Hill 1967). Half of the squared distance that is left, in units of the noise, is the
 //! logarithm of the odds that the manoeuvre is expected to give for the true one.
 
-use super::manoeuvre::{Kept, run, survey, within_limits};
+use super::plan::{Asked, Question};
+use super::plan::{Kept, run, survey, within_limits};
 use super::plan::{STOPPED, excursions, known};
-use super::question::{Asked, Question};
 use fdm_estimate::{Changes, FitOptions, Halt, ResidualVector, changed};
 use fdm_numeric::parallel;
 use fdm_results::documents::design::{Distinction, Manoeuvre, Separation};

@@ -6,15 +6,11 @@
 //! one of them as a run) -> `plan` (what they tell, and the best one after the other).
 
 mod between;
-mod manoeuvre;
 mod plan;
-mod question;
 
 pub use between::{Rivals, between};
 pub use fdm_results::documents::design::{Design, Distinction, Gain, Manoeuvre, Outlook, Separation, Step};
-pub use manoeuvre::table;
-pub use plan::design;
-pub use question::{Asked, Question};
+pub use plan::{Asked, Question, design, table};
 
 #[cfg(test)]
 mod tests;

@@ -1,10 +1,17 @@
 //! What manoeuvres would tell, and the best of them one after the other.
+//!
+//! What is asked of a design: the model, what is known of it, and what the next run may be.
+//!
+//! The manoeuvres among which the best are sought, one input moved while the others stand, and the runs that they make.
 
-use super::manoeuvre::{Kept, run, survey, within_limits};
-use super::question::Question;
+use crate::experiment::{Amount, Law, Signal, Table};
 use fdm_estimate::{Halt, Information, NoInformation};
+use fdm_grammar::diagnostic::nearest;
 use fdm_numeric::parallel;
-use fdm_results::documents::design::{Design, Gain, Manoeuvre, Outlook, Step};
+use fdm_numeric::random::Stream;
+use fdm_results::documents::design::{Design, Form, Gain, Manoeuvre, Outlook, Step};
+use fdm_system::Model;
+use fdm_system::record::Run;
 
 /// Why a manoeuvre was not looked at.
 pub(super) const STOPPED: &str = "the work was stopped before it was looked at";
@@ -129,4 +136,314 @@ fn outlook(question: &Question<'_>, now: &Information, after: &[Information], ga
         }
     };
     free.map(one).collect()
+}
+
+/// What is asked.
+#[derive(Debug, Clone)]
+pub struct Question<'a> {
+    /// The model.
+    pub model: &'a Model,
+    /// All its parameters (p), as far as they are known; those of each run as the next run is expected to begin.
+    pub theta: Vec<f64>,
+    /// Standard deviation of the noise of each output (q).
+    pub deviations: Vec<f64>,
+    /// Runs that were made already, each with all its parameters.
+    pub known: Vec<(Run, Vec<f64>)>,
+    /// Where each input stands before it moves (m).
+    pub rest: Vec<f64>,
+    /// How far each input moves (m); none where it does not.
+    pub heights: Vec<Option<f64>>,
+    /// How fast each input may move (m), in its unit per unit of time; none where it may jump.
+    pub rates: Vec<Option<f64>>,
+    /// How far each output may move from where it begins (q); none where that does not matter.
+    pub limits: Vec<Option<f64>>,
+    /// Length of the next run.
+    pub duration: f64,
+    /// Time between its samples.
+    pub dt: f64,
+    /// How many runs are planned, one after the other.
+    pub runs: usize,
+}
+
+/// What cannot be asked.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Asked {
+    /// A model without inputs.
+    #[error("model `{model}` has no input that could be moved")]
+    NoInput {
+        /// The model.
+        model: String,
+    },
+    /// An input that is a record's derivative or an output's measurement.
+    #[error("`{input}` follows from a record: what it will do cannot be planned")]
+    Hidden {
+        /// The input.
+        input: String,
+    },
+    /// Nothing moves.
+    #[error("nothing says how far inputs may move: say it with --amplitude {input}=VALUE, or give a run with --data")]
+    Still {
+        /// An input.
+        input: String,
+    },
+    /// A name that is none.
+    #[error("the model has no input `{name}`{hint}")]
+    Unknown {
+        /// The name.
+        name: String,
+        /// What may have been meant.
+        hint: String,
+    },
+    /// Times that make no run.
+    #[error(
+        "a run of {duration} with {dt} between samples has {samples} samples; from {FEWEST} to {MOST} are possible"
+    )]
+    Samples {
+        /// Its length.
+        duration: f64,
+        /// Between samples.
+        dt: f64,
+        /// How many that makes.
+        samples: f64,
+    },
+    /// A height or deviation that is none.
+    #[error("{what} is {value}; a finite number above 0 is needed")]
+    Size {
+        /// Of what.
+        what: String,
+        /// The number.
+        value: f64,
+    },
+    /// An output whose noise is not known.
+    #[error(
+        "nothing says how large the noise of `{output}` is: say it with --noise {output}=DEVIATION, in the model \
+         (`noise {output} = ...;`), or give a result with --from-result"
+    )]
+    Noise {
+        /// The output.
+        output: String,
+    },
+    /// A model all of whose shared parameters are fixed.
+    #[error("model `{model}` has no free parameter that runs share: there is nothing to determine")]
+    NothingFree {
+        /// The model.
+        model: String,
+    },
+}
+
+/// Samples of a run.
+const FEWEST: f64 = 20.0;
+const MOST: f64 = 200_000.0;
+
+impl Asked {
+    /// An input that the model does not have.
+    pub fn unknown(model: &Model, name: &str) -> Self {
+        let names = model.definition().inputs.iter().map(|i| i.quantity.name.as_str());
+        let hint = nearest(name, names).map_or(String::new(), |h| format!("; did you mean `{h}`?"));
+        Self::Unknown { name: name.into(), hint }
+    }
+}
+
+impl Question<'_> {
+    /// Number of samples of the next run.
+    pub(super) fn samples(&self) -> usize {
+        (self.duration / self.dt).round() as usize + 1
+    }
+
+    /// Everything that makes it impossible to answer.
+    ///
+    /// # Errors
+    /// All of [`Asked`] that holds.
+    pub(super) fn examine(&self) -> Result<(), Vec<Asked>> {
+        let definition = self.model.definition();
+        let mut found = Vec::new();
+        if definition.inputs.is_empty() {
+            found.push(Asked::NoInput { model: definition.name.clone() });
+        }
+        let hidden = definition.inputs.iter().filter(|i| !i.is_declared());
+        found.extend(hidden.map(|i| Asked::Hidden { input: i.quantity.name.clone() }));
+        if let (Some(first), true) = (definition.inputs.first(), self.heights.iter().all(Option::is_none)) {
+            found.push(Asked::Still { input: first.quantity.name.clone() });
+        }
+        let samples = self.duration / self.dt + 1.0;
+        if !(FEWEST..=MOST).contains(&samples) {
+            found.push(Asked::Samples { duration: self.duration, dt: self.dt, samples: samples.round() });
+        }
+        let bad = |v: f64| !(v.is_finite() && v > 0.0);
+        for (input, rate) in definition.inputs.iter().zip(&self.rates) {
+            let what = format!("the fastest motion of `{}`", input.quantity.name);
+            found.extend(rate.filter(|v| bad(*v)).map(|value| Asked::Size { what, value }));
+        }
+        for (output, limit) in definition.outputs.iter().zip(&self.limits) {
+            let what = format!("the limit of `{}`", output.quantity.name);
+            found.extend(limit.filter(|v| bad(*v)).map(|value| Asked::Size { what, value }));
+        }
+        for (input, height) in definition.inputs.iter().zip(&self.heights) {
+            let value = height.unwrap_or(1.0).abs();
+            let what = format!("the height of `{}`", input.quantity.name);
+            found.extend(bad(value).then_some(Asked::Size { what, value }));
+        }
+        for (output, value) in definition.outputs.iter().zip(&self.deviations) {
+            let what = format!("the noise of `{}`", output.quantity.name);
+            found.extend(bad(*value).then_some(Asked::Size { what, value: *value }));
+        }
+        if !definition.params.iter().any(|p| !p.fixed && !p.per_run) {
+            found.push(Asked::NothingFree { model: definition.name.clone() });
+        }
+        if found.is_empty() { Ok(()) } else { Err(found) }
+    }
+}
+
+/// Part of the run before anything moves.
+const LEAD: f64 = 0.05;
+/// Lengths of each form, by equal factors.
+const LENGTHS: usize = 8;
+/// Part of the run that the longest doublet's half and 3211's unit take: what follows shows how the vehicle settles.
+const LONGEST_HALF: f64 = 0.25;
+const LONGEST_UNIT: f64 = 0.11;
+/// Last frequency of sweeps in cycles per run.
+const SWEEPS: [f64; 3] = [8.0, 25.0, 80.0];
+/// Highest frequency in cycles per sample.
+const HIGHEST: f64 = 0.2;
+
+/// Parts of the height that are tried where a limit is in the way.
+const SMALLER: [f64; 4] = [1.0, 0.5, 0.25, 0.125];
+
+/// All of them, input by input.
+pub(super) fn survey(question: &Question<'_>) -> Vec<Manoeuvre> {
+    let left = question.duration - begin(question);
+    let mut found = Vec::new();
+    for (input, height) in question.model.definition().inputs.iter().zip(&question.heights) {
+        let Some(height) = *height else { continue };
+        let of = |form, unit, band| Manoeuvre { input: input.quantity.name.clone(), form, unit, band, height };
+        found.push(of(Form::Step, None, None));
+        found.extend(lengths(question, LONGEST_HALF).into_iter().map(|half| of(Form::Doublet, Some(half), None)));
+        found
+            .extend(lengths(question, LONGEST_UNIT).into_iter().map(|unit| of(Form::ThreeTwoOneOne, Some(unit), None)));
+        let low = 2.0 / left;
+        let highs = SWEEPS.map(|cycles| (cycles / left).min(HIGHEST / question.dt));
+        let mut last = low;
+        for high in highs {
+            if high > 2.0 * last {
+                found.push(of(Form::Sweep, None, Some([low, high])));
+                last = high;
+            }
+        }
+    }
+    found
+}
+
+/// Units of time from the shortest to a part of the run, in whole samples, each once.
+fn lengths(question: &Question<'_>, longest: f64) -> Vec<f64> {
+    // samples of the shortest unit
+    let (first, last) = (2.0, longest * question.duration / question.dt);
+    let ratio = (last / first).max(1.0);
+    let mut samples: Vec<f64> =
+        (0..LENGTHS).map(|k| (first * ratio.powf(k as f64 / (LENGTHS - 1) as f64)).round()).collect();
+    samples.dedup();
+    samples.into_iter().map(|n| n * question.dt).collect()
+}
+
+/// When an input begins to move.
+fn begin(question: &Question<'_>) -> f64 {
+    (LEAD * question.duration / question.dt).round() * question.dt
+}
+
+/// How the input moves over time.
+fn signal(question: &Question<'_>, manoeuvre: &Manoeuvre) -> Option<Signal> {
+    let (at, height) = (begin(question), Amount { value: manoeuvre.height, unit: None });
+    let length = 0.9 * (question.duration - at);
+    Some(match (manoeuvre.form, manoeuvre.unit, manoeuvre.band) {
+        (Form::Step, ..) => Signal::Step { at, height },
+        (Form::Doublet, Some(half), _) => Signal::Doublet { at, height, half },
+        (Form::ThreeTwoOneOne, Some(unit), _) => Signal::ThreeTwoOneOne { at, height, unit },
+        (Form::Sweep, _, Some(band)) => Signal::Sweep { at, length, band, height, law: Law::Log },
+        _ => return None,
+    })
+}
+
+/// The run that a manoeuvre makes, without a measurement: every output counts at every sample.
+pub(super) fn run(question: &Question<'_>, manoeuvre: &Manoeuvre) -> Option<Run> {
+    let definition = question.model.definition();
+    let (n, m, q) = (question.samples(), definition.inputs.len(), definition.outputs.len());
+    let place = definition.inputs.iter().position(|i| i.quantity.name == manoeuvre.input)?;
+    // nothing here is by chance
+    let mut chance = Stream::named(0, &[]);
+    let mut moved = signal(question, manoeuvre)?.sampled(n, question.dt, None, &definition.time, &mut chance)?;
+    if let Some(rate) = question.rates[place] {
+        slew(&mut moved, rate * question.dt);
+    }
+    let mut inputs: Vec<f64> = (0..n).flat_map(|_| question.rest.iter().copied()).collect();
+    for (k, v) in moved.iter().enumerate() {
+        inputs[k * m + place] += v;
+    }
+    let known = question.known.first().map(|(run, _)| run);
+    let run = Run {
+        name: manoeuvre.words("s"),
+        time: (0..n).map(|k| question.dt * k as f64).collect(),
+        inputs,
+        held: known.map_or_else(|| vec![false; m], |run| run.held.clone()),
+        measured: vec![0.0; n * q],
+        input_gaps: vec![0; m],
+        stated: known.map_or_else(Vec::new, |run| run.stated.clone()),
+        output_gaps: vec![0; q],
+    };
+    Some(run.with_moves_held())
+}
+
+/// Follows a signal from rest by at most so much from sample to sample.
+fn slew(signal: &mut [f64], most: f64) {
+    let mut at = 0.0;
+    for value in signal {
+        at += (*value - at).clamp(-most, most);
+        *value = at;
+    }
+}
+
+/// A manoeuvre that keeps all limits.
+pub(super) struct Kept<T> {
+    pub(super) manoeuvre: Manoeuvre,
+    /// What it tells.
+    pub(super) told: T,
+    /// How far the outputs move (q).
+    pub(super) excursions: Vec<f64>,
+}
+
+/// Of a manoeuvre and its halves, quarters and eighths the first that keeps all limits, with what `tell` says of it and of how far the
+/// outputs move; or why none does.
+pub(super) fn within_limits<T>(
+    question: &Question<'_>,
+    manoeuvre: &Manoeuvre,
+    tell: impl Fn(&Manoeuvre) -> Result<(T, Vec<f64>), String>,
+) -> Result<Kept<T>, String> {
+    let mut reason = String::new();
+    for part in SMALLER {
+        let own = Manoeuvre { height: manoeuvre.height * part, ..manoeuvre.clone() };
+        let (told, excursions) = tell(&own)?;
+        let outputs = &question.model.definition().outputs;
+        let over = outputs.iter().zip(&excursions).zip(&question.limits);
+        match over
+            .filter_map(|((o, moved), limit)| Some((o, moved, (*limit)?)))
+            .find(|(_, moved, limit)| **moved > *limit)
+        {
+            None => return Ok(Kept { manoeuvre: own, told, excursions }),
+            Some((o, moved, limit)) => {
+                reason = format!("`{}` moves by {moved:.3}, and may by {limit}", o.quantity.name);
+            }
+        }
+    }
+    Err(reason)
+}
+
+/// The inputs of the run as columns, ready to be flown.
+pub fn table(question: &Question<'_>, manoeuvre: &Manoeuvre, name: &str) -> Option<Table> {
+    let definition = question.model.definition();
+    let run = run(question, manoeuvre)?;
+    let m = definition.inputs.len();
+    let mut columns = vec![("t".to_string(), Some(definition.time.to_string()), run.time)];
+    for (k, input) in definition.inputs.iter().enumerate() {
+        let unit = input.quantity.unit.as_ref().map(ToString::to_string);
+        columns.push((input.quantity.name.clone(), unit, run.inputs.iter().skip(k).step_by(m).copied().collect()));
+    }
+    Some(Table { name: name.into(), columns })
 }

@@ -106,7 +106,7 @@ fn expected_odds_are_those_of_the_fit_of_the_wrong_model() {
     // by the cubic one, but for what is not linear about its own values
     assert!(best.log_odds[0] < 0.02 * best.log_odds[1] && best.log_odds[1] > 1.0, "{best:?}");
     // what the cubic one does, without noise, fitted by the linear one
-    let mut run = manoeuvre::run(&rivals.first, &best.manoeuvre).unwrap();
+    let mut run = plan::run(&rivals.first, &best.manoeuvre).unwrap();
     let steps = fdm_system::simulate::choose_steps(cubic.dynamics(), &run, &rivals.second.theta, &Default::default())
         .unwrap()
         .steps;
@@ -131,7 +131,7 @@ fn limits_make_manoeuvres_smaller_and_rates_make_ramps() {
     assert!(found.separations.iter().all(|s| s.excursions[0] <= 0.8));
     let step = design(&limited, &Halt::default()).unwrap();
     assert!(step.gains.iter().all(|g| g.excursions[0] <= 0.8) && step.gains.iter().any(|g| g.manoeuvre.height < 1.0));
-    let run = manoeuvre::run(&limited, &found.separations[0].manoeuvre).unwrap();
+    let run = plan::run(&limited, &found.separations[0].manoeuvre).unwrap();
     let fastest = run.inputs.windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max);
     assert!(fastest <= 0.5 * 0.05 + 1e-12, "{fastest}");
     let hopeless = Question { limits: vec![Some(1e-6)], ..single(&linear) };

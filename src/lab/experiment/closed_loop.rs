@@ -3,7 +3,7 @@
 
 use super::experiment_error::{ExperimentError, Fault};
 use super::flight::{Flight, names, rounded, unit};
-use super::noise::Of;
+use super::signal::Of;
 use fdm_grammar::model::Quantity;
 use fdm_system::Model;
 use fdm_system::dynamics::{Point, Step, Workspace};
@@ -15,9 +15,6 @@ pub(super) struct Loop {
     /// Name, unit and values of each column.
     pub(super) columns: Vec<(String, Option<String>, Vec<f64>)>,
 }
-
-/// Runge-Kutta steps between samples.
-const STEPS: usize = 8;
 
 /// Where an input comes from.
 enum Feed {
@@ -56,7 +53,8 @@ pub(super) fn closed(flight: &Flight<'_>, controller: &Model) -> Result<Loop, Ex
         drawn.push(noise.drawn(n, dt, &mut chance).iter().map(|z| noise.deviation * z).collect::<Vec<f64>>());
     }
 
-    let steps = flight.record.steps.unwrap_or(STEPS).max(1);
+    // Runge-Kutta steps between samples
+    let steps = flight.record.steps.unwrap_or(8).max(1);
     // at the first sample the controller has not spoken yet
     let first: Vec<f64> = plant_feeds.iter().map(|f| if let Feed::Signal(s) = f { s[0] } else { 0.0 }).collect();
     let mut body = Motion::new(flight, plant, flight.theta()?, &first, steps)?;

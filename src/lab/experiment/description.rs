@@ -2,7 +2,7 @@
 
 use super::amount::Tolerance;
 use super::experiment_error::ExperimentError;
-use super::noise::Noise;
+use super::signal::Noise;
 use super::signal::Signal;
 use fdm_estimate::{Domain, Method, StartValues};
 use fdm_grammar::number::{Unheld, held};

@@ -2,10 +2,10 @@
 
 use super::description::{Experiment, Stage};
 use super::experiment_error::{ExperimentError, Fault};
+use super::flight::Table;
 use super::flight::flown;
+use super::setting::{Found, run};
 use super::setting::{Setting, Shelf};
-use super::stage::{Found, run};
-use super::table::Table;
 use super::verdict::checks;
 use fdm_estimate::Status;
 use fdm_numeric::parallel;

@@ -14,16 +14,12 @@ mod evaluation;
 mod experiment_error;
 mod flight;
 mod method;
-mod noise;
 mod rehearsal;
 mod setting;
 mod signal;
-mod stage;
-mod table;
 #[cfg(test)]
 mod tests;
 mod verdict;
-mod weakest;
 
 pub use amount::{Amount, Tolerance};
 pub use catalogue::{Catalogue, UnknownName};
@@ -31,7 +27,6 @@ pub use description::{Answer, Expected, Experiment, Record, Says, Segments, Stag
 pub use evaluation::{reproduce, tables};
 pub use experiment_error::{ExperimentError, Fault};
 pub use fdm_results::documents::reproduction::{Check, Outcome};
-pub use noise::{Colour, Noise, Of};
+pub use flight::Table;
 pub use rehearsal::{MeasuredStage, Rehearsal, StageAnswer, measured_stages};
-pub use signal::{Law, Phases, Signal};
-pub use table::Table;
+pub use signal::{Colour, Law, Noise, Of, Phases, Signal};

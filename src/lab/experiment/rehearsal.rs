@@ -3,9 +3,9 @@
 use super::description::{Experiment, Stage, Task};
 use super::evaluation::evaluated;
 use super::experiment_error::ExperimentError;
-use super::noise::Colour;
+use super::setting::Found;
 use super::setting::{Setting, Shelf};
-use super::stage::Found;
+use super::signal::Colour;
 use fdm_estimate::{Domain, FitOptions, Method, ParameterEstimate, Status};
 use fdm_system::Model;
 use fdm_system::record::Run;

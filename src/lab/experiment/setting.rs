@@ -1,14 +1,24 @@
 //! What a step of the evaluation works on: its model, its runs, its start values, and what the truth is.
+//!
+//! A step of the evaluation: its estimation is run, and what came out is collected under the names by which it can be expected.
+//!
+//! The combination of parameters that a record determines least: the eigenvector of the relative covariance with the largest eigenvalue.
 
 use super::description::{Experiment, Record, Stage, Task};
 use super::experiment_error::{ExperimentError, Fault};
-use super::flight::flown;
-use super::stage::Found;
-use super::table::Table;
-use fdm_estimate::Changes;
+use super::flight::{Table, flown};
+use fdm_estimate::equation_error::Regression;
+use fdm_estimate::residuals::OutputQuality;
+use fdm_estimate::{
+    Changes, Direction, Estimate, FilterFit, FitOptions, Identified, Method, Noise, ParameterEstimate, Status, Work,
+    best_iterate, by_confidence, changed, identify,
+};
 use fdm_grammar::model::{Origin, Param};
 use fdm_system::Model;
+use fdm_system::linear::{LinearModel, Modes, Values};
 use fdm_system::record::{ReadOptions, Run, channels, read};
+use nalgebra::DMatrix;
+use num_complex::Complex64;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
@@ -207,4 +217,231 @@ fn true_values(truth: &Model, record: &Record) -> BTreeMap<String, f64> {
     let params = truth.definition().params.iter();
     let value = |p: &Param| record.values.get(&p.quantity.name).copied().unwrap_or(p.value);
     params.map(|p| (p.quantity.name.clone(), value(p))).collect()
+}
+
+/// What came out of a step.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Found {
+    pub(super) parameters: Vec<ParameterEstimate>,
+    /// Everything else that has a name.
+    pub(super) figures: BTreeMap<String, f64>,
+    /// Combinations that the data do not determine.
+    pub(super) directions: Vec<Direction>,
+    /// The combination that is known least.
+    pub(super) weakest: Option<Weakest>,
+    /// Parameters in the order of confidence.
+    pub(super) order: Vec<String>,
+    /// Eigenvalues.
+    pub(super) modes: Vec<Complex64>,
+    /// Why there is no minimum.
+    pub(super) astray: Option<String>,
+}
+
+impl Found {
+    fn gone(reason: impl ToString) -> Self {
+        Self { astray: Some(reason.to_string()), ..Self::default() }
+    }
+
+    fn of(estimate: &Estimate, parameters: Vec<ParameterEstimate>) -> Self {
+        let mut found = Self { parameters, directions: estimate.undetermined.clone(), ..Self::default() };
+        found.astray = (!estimate.termination.is_good()).then(|| estimate.termination.to_string());
+        found.figures.extend(estimate.cost.map(|cost| ("cost".to_string(), cost)));
+        found.figures.insert("corrections".into(), estimate.iterations as f64);
+        found.weakest = Weakest::of(estimate);
+        let squares = estimate.runs.iter().flat_map(|r| &r.residuals).filter(|v| !v.is_nan()).map(|v| v * v).sum();
+        found.figures.insert("sum of squares".into(), squares);
+        found
+    }
+
+    /// The worst over the runs of each figure of an output.
+    fn judged(&mut self, prefix: &str, quality: &[OutputQuality]) {
+        for q in quality.iter().map(|q| &q.fit) {
+            for (kind, value, worse) in
+                [("rms", q.rms, f64::max as fn(f64, f64) -> f64), ("tic", q.tic, f64::max), ("r2", q.r2, f64::min)]
+            {
+                let Some(value) = value else { continue };
+                let entry = self.figures.entry(format!("{prefix}{kind}({})", q.name)).or_insert(value);
+                *entry = worse(*entry, value);
+            }
+        }
+    }
+}
+
+impl Found {
+    /// Deviations of the measurement noise are figures: `noise(y)`.
+    fn filtered(&mut self, filter: &FilterFit) {
+        let whiteness = filter.fit.quality.iter().filter_map(|q| Some(q.whiteness.as_ref()?.p_value));
+        self.figures.insert("white p".into(), whiteness.fold(1.0, f64::min));
+        for (output, deviation) in filter.fit.model.definition().outputs.iter().zip(&filter.deviations) {
+            self.figures.insert(format!("noise({})", output.quantity.name), deviation.value);
+        }
+    }
+}
+
+/// Runs a step.
+///
+/// # Errors
+/// [`Fault`] for words that it does not have; a fit that fails is [`Found::astray`].
+pub(super) fn run(stage: &Stage, setting: &Setting) -> Result<Found, Fault> {
+    match (stage.method, stage.domain) {
+        (Task::Estimation(Method::OutputError), _) | (_, None) => {}
+        (_, Some(_)) => {
+            return Err(Fault::Word {
+                place: format!("step `{}`", stage.name),
+                word: "domain".into(),
+                wanted: "the words of this method: it belongs to `output-error`",
+            });
+        }
+    }
+    match stage.method {
+        Task::Estimation(method) => Ok(estimated(setting, &stage.of_method(method, setting)?)),
+        Task::RecursiveLeastSquares => Ok(recursively(stage, setting)),
+        Task::Modes => Ok(modes(setting)),
+    }
+}
+
+fn estimated(setting: &Setting, options: &FitOptions) -> Found {
+    let identified = match identify(&setting.model, &setting.runs, options, &Work::default()) {
+        Ok(identified) => identified,
+        Err(e) => return Found::gone(e),
+    };
+    let mut found = match (&identified, identified.estimate()) {
+        (Identified::EquationError { regression, .. }, _) => return by_regression(regression),
+        (Identified::Spectra(fit), _) => Found::of(&fit.estimate, fit.parameters()),
+        (_, Some(estimate)) => Found::of(estimate, estimate.parameters.clone()),
+        (_, None) => Found::default(),
+    };
+    identified.in_time().iter().for_each(|fit| found.judged("", &fit.quality));
+    match &identified {
+        Identified::OutputError(fit) => {
+            found.order = by_confidence(&fit.by_length).into_iter().map(|s| s.name).collect();
+        }
+        Identified::FilterError(filter) => found.filtered(filter),
+        _ => {}
+    }
+    if !setting.others.is_empty() && found.astray.is_none() {
+        match identified.predict(&setting.others, Noise::default(), &Work::default()) {
+            Ok(other) => other.iter().for_each(|other| found.judged("predicted ", &other.quality)),
+            Err(e) => found.astray = Some(e.to_string()),
+        }
+    }
+    found
+}
+
+/// The best iterate; the errors of its simulation, of the last one's and of least squares without forgetting are figures.
+fn recursively(stage: &Stage, setting: &Setting) -> Found {
+    let model = match changed(&setting.model, &setting.changes) {
+        Ok(model) => model,
+        Err(e) => return Found::gone(e),
+    };
+    let best = match best_iterate(&model, &setting.runs, &stage.recursively()) {
+        Ok(best) => best,
+        Err(e) => return Found::gone(e),
+    };
+    let (recursion, mut found) = (&best.recursion, Found::default());
+    let last = recursion.iterates.len().saturating_sub(1);
+    let figures = [
+        ("error of the best iterate", best.error_of(best.best)),
+        ("error of the last iterate", best.error_of(last)),
+        ("error of least squares", best.batch_error),
+        ("time of the best iterate", recursion.iterates.get(best.best).map(|i| i.time)),
+    ];
+    found.figures.extend(figures.into_iter().filter_map(|(name, value)| Some((name.to_string(), value?))));
+    let Some(iterate) = recursion.iterates.get(best.best) else { return Found::gone("there is no iterate") };
+    found.parameters = (recursion.parameters.iter().zip(&iterate.values).zip(&iterate.errors))
+        .map(|((p, value), error)| ParameterEstimate {
+            name: p.name.clone(),
+            run: p.run.clone(),
+            value: *value,
+            standard_error: Some(*error),
+            corrected_error: None,
+            degrees_of_freedom: None,
+            unit: p.unit.clone(),
+            status: Status::Estimated,
+            start: None,
+            lower: None,
+            upper: None,
+            limit: None,
+            logarithmic: false,
+        })
+        .collect();
+    found
+}
+
+fn by_regression(regression: &Regression) -> Found {
+    let mut found = Found::default();
+    for fit in &regression.fits {
+        for equation in &fit.equations {
+            found.figures.insert(format!("r2({})", equation.equation), equation.r_squared);
+            found.figures.insert(format!("components({})", equation.equation), fit.chosen as f64);
+        }
+        found.parameters.extend(fit.parameters.iter().map(|p| ParameterEstimate {
+            name: p.name.clone(),
+            run: p.run.clone(),
+            value: p.value,
+            standard_error: Some(p.standard_error),
+            corrected_error: p.coloured_error,
+            degrees_of_freedom: None,
+            unit: p.unit.clone(),
+            status: Status::Estimated,
+            start: None,
+            lower: None,
+            upper: None,
+            limit: None,
+            logarithmic: false,
+        }));
+    }
+    found
+}
+
+/// Eigenvalues of the model as it stands.
+fn modes(setting: &Setting) -> Found {
+    let found = eigenvalues(&setting.model);
+    found.map_or_else(Found::gone, |modes| Found { modes, ..Found::default() })
+}
+
+fn eigenvalues(model: &Model) -> Result<Vec<Complex64>, String> {
+    let mut linear = LinearModel::new(model).map_err(|e| e.to_string())?;
+    let mut values = Values::default();
+    linear.evaluate(&model.definition().start(), &mut values).map_err(|e| e.to_string())?;
+    let modes = Modes::new(linear.structure(), &values).map_err(|e| e.to_string())?;
+    Ok(modes.modes.iter().map(|m| m.s).collect())
+}
+
+/// The combination that is known least.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Weakest {
+    /// Parameters and their parts, relative to their values; the largest first.
+    pub(super) parts: Vec<(String, f64)>,
+    /// Standard error of the combination, relative to the values.
+    pub(super) error: f64,
+}
+
+/// Parts that are smaller are not named.
+const PART: f64 = 0.1;
+
+impl Weakest {
+    /// Of the shared parameters; those that belong to a run are left to take what values they need. None when nothing is covered.
+    pub(super) fn of(estimate: &Estimate) -> Option<Self> {
+        let full = &estimate.corrected_covariance;
+        let matrix = if full.size == estimate.covered.len() { full } else { &estimate.covariance };
+        let of = |row: &usize| -> Option<&ParameterEstimate> { estimate.parameters.get(*estimate.covered.get(*row)?) };
+        let shared = |row: &usize| of(row).is_some_and(|p| p.run.is_none() && p.value != 0.0);
+        let rows: Vec<usize> = (0..matrix.size).filter(shared).collect();
+        let values: Vec<f64> = rows.iter().filter_map(of).map(|p| p.value).collect();
+        let relative =
+            DMatrix::from_fn(rows.len(), rows.len(), |i, j| matrix.at(rows[i], rows[j]) / (values[i] * values[j]));
+        if rows.is_empty() || relative.iter().any(|v| !v.is_finite()) {
+            return None;
+        }
+        let eigen = relative.symmetric_eigen();
+        let largest = (0..rows.len()).max_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]))?;
+        let vector = eigen.eigenvectors.column(largest);
+        let first = vector.iter().fold(0.0, |a: f64, v| if v.abs() > a.abs() { *v } else { a });
+        let names = rows.iter().filter_map(of).map(|p| p.name.clone());
+        let mut parts: Vec<(String, f64)> =
+            names.zip(vector.iter().map(|v| v / first)).filter(|(_, v)| v.abs() > PART).collect();
+        parts.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
+        Some(Self { parts, error: eigen.eigenvalues[largest].max(0.0).sqrt() })
+    }
 }

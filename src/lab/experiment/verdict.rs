@@ -3,8 +3,8 @@
 use super::amount::Tolerance;
 use super::description::{Answer, Expected, Stage};
 use super::flight::rounded;
+use super::setting::Found;
 use super::setting::Setting;
-use super::stage::Found;
 use fdm_estimate::{ParameterEstimate, Status};
 use fdm_results::documents::reproduction::Check;
 

@@ -5,12 +5,8 @@
 //! ([`work_off`]); [`Kind::kept`] gives them the form in which the command itself looks for what it has done before. The command then ends by
 //! the same code, and with the same bits, as on one machine. **Never** schedules: engines do that. **Start** at [`Tasks`].
 
-mod memory;
 mod plan;
-mod shard;
 mod tasks;
 
-pub use memory::Memory;
-pub use plan::{Plan, PlanError, PlannedCommand};
-pub use shard::{Shard, ShardError};
-pub use tasks::{Kind, Repeats, Sides, Starts, Tasks, work_off};
+pub use plan::{Plan, PlanError, PlannedCommand, Shard, ShardError};
+pub use tasks::{Kind, Memory, Repeats, Sides, Starts, Tasks, work_off};

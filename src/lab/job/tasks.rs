@@ -1,10 +1,13 @@
 //! Tasks of a command: what they are called, how one is done, and how their results become what the command looks for.
+//!
+//! What work keeps, in memory: states to go on from, and results of tasks that were done elsewhere.
 
 use crate::study::{Profiler, REPEATS, Repeat, Side};
-use fdm_estimate::{Halt, StartSearch};
+use fdm_estimate::{CheckpointStore, Halt, StartSearch};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::sync::{Mutex, PoisonError};
 
 /// How a command is cut into tasks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -57,7 +60,7 @@ impl Kind {
     }
 
     /// The result of a whole command among what is kept.
-    pub fn whole(kept: &dyn fdm_estimate::CheckpointStore) -> Option<Vec<u8>> {
+    pub fn whole(kept: &dyn CheckpointStore) -> Option<Vec<u8>> {
         kept.find(WHOLE).ok().flatten()
     }
 }
@@ -168,4 +171,31 @@ pub fn work_off(
         }
         Ok(())
     })
+}
+
+/// Byte strings under names.
+#[derive(Debug, Default)]
+pub struct Memory(Mutex<BTreeMap<String, Vec<u8>>>);
+
+impl Memory {
+    /// With these in it.
+    pub fn with(kept: BTreeMap<String, Vec<u8>>) -> Self {
+        Self(Mutex::new(kept))
+    }
+
+    /// All that is in it.
+    pub fn all(&self) -> BTreeMap<String, Vec<u8>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+}
+
+impl CheckpointStore for Memory {
+    fn keep(&self, name: &str, state: &[u8]) -> Result<(), String> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).insert(name.to_string(), state.to_vec());
+        Ok(())
+    }
+
+    fn find(&self, name: &str) -> Result<Option<Vec<u8>>, String> {
+        Ok(self.0.lock().unwrap_or_else(PoisonError::into_inner).get(name).cloned())
+    }
 }

@@ -6,7 +6,6 @@
 mod bands;
 #[cfg(test)]
 mod bands_tests;
-mod calibration;
 mod convergence;
 mod coordinates;
 mod correction;
@@ -17,7 +16,7 @@ mod sample;
 mod tests;
 
 pub use bands::{BandError, Bands, Errors, Predicted};
-pub use calibration::{Calibration, Ranks, calibrated};
+pub use convergence::{Calibration, Ranks, calibrated};
 pub use correction::CorrectedErrors;
 pub use density::{Given, Posterior, SampledName};
 pub use sample::{Chain, SampleError, Samples, Sampling, sample};

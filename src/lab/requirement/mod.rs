@@ -8,16 +8,13 @@
 
 mod assess;
 mod bench;
-mod course;
-mod found;
 mod linear;
 mod measured;
 mod standard;
 #[cfg(test)]
 mod tests;
 
-pub use assess::{Draws, Known, assess};
+pub use assess::{Draws, Judge, Known, assess, assess_result, freedom, with_estimates};
 pub use bench::{Bench, Plan};
 pub use fdm_results::documents::requirement::{Assessment, By, Part};
-pub use found::{Judge, assess_result, freedom, with_estimates};
 pub use measured::{Measured, RequirementError};

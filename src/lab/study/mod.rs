@@ -7,10 +7,8 @@
 //! way to judge an interval: by refits of the one record.
 
 mod bootstrap;
-mod disturbance;
 mod profile;
 mod series;
-mod study_error;
 mod system;
 #[cfg(test)]
 mod tests;
@@ -22,6 +20,5 @@ pub use fdm_results::documents::study::{
     Colour, Coverage, Figure, Interval, Kind, Pooled, Repeat, Share, Study, Subject,
 };
 pub use profile::{Profiler, Side};
-pub use series::{FORM, REPEATS, series};
-pub use study_error::StudyError;
+pub use series::{FORM, REPEATS, StudyError, series};
 pub use system::System;

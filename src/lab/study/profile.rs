@@ -2,7 +2,7 @@
 //! parameter may go until that costs more than chance explains. Such an interval needs no parabola: it may be lopsided, or open.
 
 use super::bootstrap::reached;
-use super::study_error::StudyError;
+use super::series::StudyError;
 use fdm_estimate::{
     Attempt, Changes, Continuation, Estimate, Fit, FitOptions, MultiStart, ParameterEstimate, SharedSteps, Status,
     Work, fit_from, quantile,
@@ -13,8 +13,6 @@ use fdm_system::Model;
 use fdm_system::record::Run;
 use serde::{Deserialize, Serialize};
 
-/// Most refits on one side until the end is found.
-const SEARCH: usize = 14;
 /// Refits between the estimate and an end, for the curve.
 const BETWEEN: usize = 4;
 /// How near to the wanted rise an end is taken, as part of its root.
@@ -23,8 +21,6 @@ const NEAR: f64 = 0.01;
 const FAR: f64 = 200.0;
 /// Part of the wanted rise by which a nearer value may cost more than a farther one, before it is fitted again from there.
 const FALLS: f64 = 1e-3;
-/// Searches for an end, where a refit has shown that it lies elsewhere.
-const ROUNDS: usize = 3;
 
 /// A fit whose parameters are to be profiled.
 pub struct Profiler<'a> {
@@ -252,7 +248,8 @@ impl<'a> Profiler<'a> {
         let (mut found, mut refits) = (Vec::new(), 0);
         let (mut below, mut above) = ((0.0, 0.0), None);
         let mut end = End::Interrupted(wanted.parameter.value);
-        for round in 0..ROUNDS {
+        // searches for an end, where a refit has shown that it lies elsewhere
+        for round in 0..3 {
             end = self.end((wanted, sign), (below, above), &mut found, &mut refits);
             if round == 0 {
                 self.curve((wanted, sign), end, &mut found, &mut refits);
@@ -304,7 +301,8 @@ impl<'a> Profiler<'a> {
             at = next(below, above, at);
         }
         let mut starts = found.iter().find(|f| f.at == below.0).map_or(self.starts.clone(), |f| f.starts.clone());
-        let last = *refits + SEARCH;
+        // most refits on one side until the end is found
+        let last = *refits + 14;
         let mut tried_bound = above.is_some_and(|above| above.0 >= farthest);
         while *refits < last {
             if !self.work.goes_on() {

@@ -2,11 +2,14 @@
 //!
 //! Every repeat draws from a stream of its own, so that its numbers depend on its place alone: not on threads, on the order in which
 //! repeats end, or on how often the series was interrupted.
+//!
+//! Why there is nothing to repeat.
 
-use fdm_estimate::{CheckpointStore, Work};
+use fdm_estimate::{CheckpointStore, FitError, Work};
 use fdm_results::documents::study::Repeat;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
+use std::fmt;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -16,8 +19,6 @@ pub const REPEATS: &str = "repeats";
 pub const FORM: u8 = 2;
 /// Least time between two states that are kept.
 const PAUSE: Duration = Duration::from_secs(1);
-/// How much longer the work is than the keeping of it.
-const SHARE: u32 = 20;
 
 /// Repeats 0 to `count`, by `once` (none when it was interrupted), which `came` is told, by number; those that the work has kept are
 /// not made again. What is missing in the end was interrupted.
@@ -100,12 +101,75 @@ impl<'k> Shelf<'k> {
             let _ = keeper.keep(REPEATS, &bytes);
             state.fresh = false;
         }
-        state.next = begun + PAUSE.max(SHARE * begun.elapsed());
+        // how much longer the work is than the keeping of it
+        state.next = begun + PAUSE.max(20 * begun.elapsed());
     }
 
     fn close(self) -> Vec<Option<Repeat>> {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         self.keep(&mut state);
         (0..self.count as u64).map(|k| state.repeats.remove(&k)).collect()
+    }
+}
+
+/// Why a fit cannot be repeated.
+#[derive(Debug, Clone, PartialEq)]
+pub enum StudyError {
+    /// It could not begin.
+    Fit(FitError),
+    /// It did not end at a minimum.
+    Astray {
+        /// How it ended.
+        reason: String,
+    },
+    /// There is no noise to draw.
+    NoNoise,
+    /// The colour of the residuals is not known.
+    NoColour {
+        /// Why.
+        reason: String,
+    },
+    /// Nothing was estimated.
+    NothingEstimated,
+    /// A parameter has no profile.
+    NoProfile {
+        /// As typed.
+        parameter: String,
+        /// Why.
+        reason: String,
+    },
+}
+
+impl StudyError {
+    /// Whether numbers went wrong, not what was given.
+    pub fn is_of_numbers(&self) -> bool {
+        matches!(self, Self::Astray { .. })
+    }
+}
+
+impl fmt::Display for StudyError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Fit(e) => e.fmt(f),
+            Self::Astray { reason } => {
+                write!(f, "the fit itself does not end at a minimum ({reason}); there is nothing to repeat")
+            }
+            Self::NoNoise => f.write_str(
+                "the residuals vanish or leave no degree of freedom, so there is no noise to draw; say what it is with --noise OUTPUT=DEVIATION",
+            ),
+            Self::NoColour { reason } => {
+                write!(f, "the colour of the residuals is not known ({reason}); use --noise-colour white, ar1 or pink")
+            }
+            Self::NoProfile { parameter, reason } => write!(f, "`{parameter}` has no profile: {reason}"),
+            Self::NothingEstimated => f.write_str("no parameter is free; there is nothing to study"),
+        }
+    }
+}
+
+impl std::error::Error for StudyError {}
+
+impl From<FitError> for StudyError {
+    fn from(e: FitError) -> Self {
+        Self::Fit(e)
     }
 }

@@ -2,7 +2,7 @@
 //! of them, with noise as it found it.
 
 use super::bootstrap::Bootstrap;
-use super::disturbance::of_experiment;
+use super::bootstrap::of_experiment;
 use crate::experiment::{Experiment, ExperimentError, Rehearsal, StageAnswer, measured_stages};
 use fdm_estimate::{Halt, Work, fit};
 use fdm_results::documents::study::{Colour, Figure, Repeat, Subject};
@@ -17,9 +17,6 @@ pub struct System {
     subjects: Vec<Subject>,
     left_out: Vec<String>,
 }
-
-/// Repeats that are looked at for the parameters that a step estimates; it may go astray in some.
-const LOOKED_AT: u64 = 5;
 
 impl System {
     /// Of an experiment; without long steps when `thin`.
@@ -37,7 +34,8 @@ impl System {
         let at = at.as_ref().map(|c| c as &dyn Fn(f64) -> crate::experiment::Colour);
         system.rehearsal = Rehearsal::new(experiment, at, thin);
         if let Some(rehearsal) = &system.rehearsal {
-            for k in 0..LOOKED_AT {
+            // repeats that are looked at for the parameters that a step estimates; it may go astray in some
+            for k in 0..5 {
                 let answers = rehearsal.once(&name(seed, k))?;
                 let found: Vec<Subject> = answers.iter().flat_map(subjects).collect();
                 if found.len() > system.subjects.len() {

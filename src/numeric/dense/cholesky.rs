@@ -4,7 +4,7 @@
 //! textbook's dot products (backward substitution: from the last row up), several of them side by side. Large matrices are worked off
 //! in blocks that stay in the cache, which changes no order and no bit.
 
-use super::panels::{Terms, add};
+use super::panels::{THREADED, Terms, WIDE, add};
 use crate::lanes::widest;
 use rayon::prelude::*;
 
@@ -12,10 +12,6 @@ use rayon::prelude::*;
 const BLOCK: usize = 16;
 /// Columns of an inverse that are found together.
 const STRIP: usize = 64;
-/// Order from which the widest registers are worth choosing.
-const WIDE: usize = 64;
-/// Order from which threads are worth starting.
-const THREADED: usize = 256;
 
 /// The factor of a positive definite matrix.
 #[derive(Debug, Clone, Default)]

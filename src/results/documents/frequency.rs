@@ -1,7 +1,7 @@
 //! The frequency domain: fits of spectra and of frequency responses, and the frequency responses that records show.
 
 use super::digits::digits;
-use super::outputs::OutputDocument;
+use super::fit::OutputDocument;
 use fdm_estimate::{
     Fit, PairFit, ParameterEstimate, ResponseFit, Sensitivity, SpectralFit, StartingValue, Status, UnobservableMode,
 };

@@ -10,16 +10,11 @@
 mod diagnosis;
 mod digits;
 mod doctor;
-mod doubted;
-mod equal_minima;
 mod fit;
 mod frequency;
-mod job;
 mod json;
 mod log;
 mod model;
-mod modes;
-mod outputs;
 mod progress;
 mod regression;
 mod remarks;
@@ -41,22 +36,24 @@ pub mod study;
 pub use diagnosis::DiagnosisDocument;
 pub use digits::{digits, digits_by_error, digits_of_end, fixed};
 pub use doctor::{DoctorDocument, JudgedRecords};
-pub use fit::{BandCoverage, Evaluations, FitDocument, Integration, Matrix, StartDocument, Terminated, Validation};
+pub use fit::{
+    BandCoverage, Evaluations, FitDocument, Integration, Matrix, OutputDocument, StartDocument, Terminated, Validation,
+};
 pub use frequency::{
     BridgeDocument, FrequencyDomain, FrequencyResponses, MeasuredRegressorDocument, MultipleCoherence, Pair,
     ResponseNames, SpectraDocument, SpectraPair, TimeDomain, TrimValues, UnobservableModeDocument,
 };
-pub use job::{CommandStatus, JobStatus, ShardAtWork, ShardStatus};
 pub use json::{from_text, to_text};
 pub use log::{FieldDocument, LogDocument, TopicDocument};
 pub use model::{
-    CatalogueDocument, ChannelDocument, Derivatives, Diverged, EffectDocument, EffectsDocument, InputDocument,
-    ModelDocument, OutputDeclared, ParamDocument, PlaceDocument, PriorDocument, QuantityDocument, ResponseDocument,
-    SlotDocument, StateDocument,
+    CatalogueDocument, ChannelDocument, Component, Derivatives, Diverged, EffectDocument, EffectsDocument,
+    InputDocument, ModeDocument, ModelDocument, ModesDocument, OutputDeclared, ParamDocument, PlaceDocument,
+    PriorDocument, QuantityDocument, ResponseDocument, SlotDocument, StateDocument, TrimDocument, trim_sentence,
 };
-pub use modes::{Component, ModeDocument, ModesDocument, TrimDocument, trim_sentence};
-pub use outputs::OutputDocument;
-pub use progress::{AtWork, CourseDocument, CourseParameter, ProgressDocument, ProgressManifest};
+pub use progress::{
+    AtWork, CommandStatus, CourseDocument, CourseParameter, JobStatus, ProgressDocument, ProgressManifest, ShardAtWork,
+    ShardStatus,
+};
 pub use regression::{
     Iterates, RecursiveDocument, RecursiveValue, RefusalDocument, RegressionDocument, SimulatedError, StructureDocument,
 };

@@ -2,7 +2,7 @@
 
 use super::doctor::JudgedRecords;
 use super::json::present;
-use super::modes::ModesDocument;
+use super::model::ModesDocument;
 use super::result::KeptParameter;
 use fdm_estimate::equation_error::{
     ChannelNoise, Dependence, Domain, EquationErrorFit, Refusal, Regression, Structure,
@@ -10,9 +10,6 @@ use fdm_estimate::equation_error::{
 use fdm_estimate::{BestIterate, Criterion, Status};
 use serde::{Deserialize, Serialize};
 use std::fmt;
-
-/// Most iterates of a history; longer ones are thinned evenly.
-const MOST: usize = 1000;
 
 /// The regressions of a model.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -200,7 +197,8 @@ impl RecursiveDocument {
             last: last.map(|l| l.values[j]),
             all_steps: r.batch[j],
         });
-        let stride = count.div_ceil(MOST).max(1);
+        // most iterates of a history; longer ones are thinned evenly
+        let stride = count.div_ceil(1000).max(1);
         let kept = (0..count).filter(|k| k % stride == 0 || *k == found.best || k + 1 == count);
         let history = kept.map(|k| {
             let i = &r.iterates[k];

@@ -1,14 +1,16 @@
 //! What should not be overlooked in a result, in plain words.
+//!
+//! Initial values that the data contradict, in a sentence.
+//!
+//! Minima of many starts that are as good as the one that was kept.
 
 use super::BridgeDocument;
-use super::digits::digits;
-use super::doubted;
-use super::equal_minima::equal_minima;
-use fdm_estimate::Unexplained;
+use super::digits::{digits, digits_by_error};
 use fdm_estimate::residuals::{Cause, InputCorrelation, NoiseVariation, OutputFit, OutputQuality, Trend};
 use fdm_estimate::{
-    Curvature, Estimate, Fit, InputInterpolation, LONG_RUN, NoiseColour, ParameterEstimate, Smoothing, SpectralColour,
-    SpectralFit, Status, Termination, Uncorrected,
+    Curvature, DoubtedInitial, DoubtedInitials, Estimate, Fit, InputInterpolation, LONG_RUN, MovedParameter,
+    NoiseColour, ParameterEstimate, Smoothing, SpectralColour, SpectralFit, StartSummary, Status, Termination,
+    Uncorrected, Unexplained,
 };
 use fdm_numeric::statistics::Student;
 use serde::{Deserialize, Serialize};
@@ -291,7 +293,7 @@ pub fn fit_remarks(fit: &Fit) -> Vec<Remark> {
     // a response that is lost explains nothing, whatever the record is
     let lost = matches!(fit.estimate.termination, Termination::Unstable { .. });
     let unexplained = if lost { Vec::new() } else { Unexplained::of(&fit.estimate) };
-    let initial = fit.doubted_initials.as_ref().and_then(doubted::sentence);
+    let initial = fit.doubted_initials.as_ref().and_then(sentence);
     let mut remarks: Vec<Remark> = initial.into_iter().map(|said| Remark::new(About::Initial, said)).collect();
     remarks.extend(unexplained.iter().map(|u| Remark::new(About::Unexplained, not_explained(u))));
     remarks.extend(estimate_remarks(&fit.estimate));
@@ -663,6 +665,80 @@ fn called(p: &ParameterEstimate) -> String {
 /// A name, and the run that it belongs to where there is one.
 pub fn with_run(name: &str, run: Option<&str>) -> String {
     run.map_or_else(|| name.to_string(), |run| format!("{name} ({run})"))
+}
+
+/// Most states and parameters that are named.
+const NAMED: usize = 3;
+
+/// What the record says, what the text says, what to write, and what becomes of the parameters.
+pub(super) fn sentence(doubted: &DoubtedInitials) -> Option<String> {
+    let far = |v: &DoubtedInitial| v.error.map_or(f64::INFINITY, |error| ((v.found - v.stated) / error).abs());
+    let mut states: Vec<&DoubtedInitial> = Vec::new();
+    for value in &doubted.values {
+        match states.iter_mut().find(|known| known.state == value.state) {
+            Some(known) if far(value) > far(known) => *known = value,
+            Some(_) => {}
+            None => states.push(value),
+        }
+    }
+    let first = states.first()?;
+    let runs = doubted.values.iter().filter(|v| v.state == first.state).count();
+    let one = |v: &&DoubtedInitial| {
+        let unit = v.unit.as_ref().map_or(String::new(), |u| format!(" {u}"));
+        let run = if runs > 1 { format!(" in {}", v.run) } else { String::new() };
+        let (found, stated) = (by_error(v.found, v.error), digits(v.stated, 3));
+        format!("with `{}` at {found}{unit}{run}, the text says {stated}", v.state)
+    };
+    let stated: Vec<String> = states.iter().take(NAMED).map(one).collect();
+    let free: Vec<String> = states.iter().map(|v| format!("{} = free", v.state)).collect();
+    let moved =
+        |m: &MovedParameter| format!("{} {} in place of {}", m.name, by_error(m.value, m.error), digits(m.before, 3));
+    let moved: Vec<String> = doubted.parameters.iter().take(NAMED).map(moved).collect();
+    let then = if moved.is_empty() { String::new() } else { format!("; then {}", moved.join(", ")) };
+    let gain = digits(doubted.gain, 3);
+    Some(format!(
+        "the record begins {}: write `state {};`, log-likelihood +{gain}{then}",
+        stated.join("; "),
+        free.join(", ")
+    ))
+}
+
+/// A value with the digits that its error leaves.
+fn by_error(value: f64, error: Option<f64>) -> String {
+    let places = error.and_then(|error| digits_by_error(value, error, 3)).unwrap_or(3);
+    digits(value, places)
+}
+
+/// Parameters that are named.
+const NAMED_MINIMA: usize = 4;
+/// Standard errors by which a parameter is elsewhere.
+const ELSEWHERE: f64 = 1.0;
+
+/// For each of them where it is, by the parameters that differ.
+pub(super) fn equal_minima(fit: &Fit) -> Vec<String> {
+    let estimated = |p: &&ParameterEstimate| !matches!(p.status, Status::Fixed | Status::Derived | Status::Tied);
+    let free: Vec<&ParameterEstimate> = fit.estimate.parameters.iter().filter(estimated).collect();
+    let line = |start: &StartSummary| {
+        let elsewhere = |(p, value): &(&ParameterEstimate, &f64)| {
+            let off = (p.value - **value).abs();
+            p.standard_error.map_or(off > 1e-6 * p.value.abs(), |error| off > ELSEWHERE * error)
+        };
+        let all: Vec<String> = free
+            .iter()
+            .copied()
+            .zip(&start.values)
+            .filter(elsewhere)
+            .map(|(p, value)| {
+                let of = p.run.as_ref().map_or(String::new(), |run| format!(" of {run}"));
+                format!("{}{of} {} in place of {}", p.name, digits(*value, 4), digits(p.value, 4))
+            })
+            .collect();
+        let more = all.len().saturating_sub(NAMED_MINIMA);
+        let rest = if more > 0 { format!(", and {more} more") } else { String::new() };
+        let places = all[..all.len().min(NAMED_MINIMA)].join(", ");
+        format!("another minimum is as good (start {}): {places}{rest}", start.number)
+    };
+    fit.equal_minima().into_iter().map(line).collect()
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use super::doctor::JudgedRecords;
 use super::fit::{FitDocument, Matrix};
 use super::frequency::Pair;
 use super::json::{from_text, to_text};
-use super::modes::ModesDocument;
+use super::model::ModesDocument;
 use super::regression::RegressionDocument;
 use super::requirement::Assessment;
 use fdm_estimate::{ParameterEstimate, Status};

@@ -5,8 +5,8 @@
 //! its files go to their places one by one. What is interrupted in between is finished by the next one that writes there.
 
 use super::disk::{Disk, disk, reason};
-use super::fingerprint::fingerprint;
-use super::input::read_input_text;
+use super::file::read_input_text;
+use super::identity::fingerprint;
 use super::manifest::{self, Claim, KeptFile, Manifest};
 use super::temporary;
 use std::ffi::OsStr;

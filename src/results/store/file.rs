@@ -1,15 +1,16 @@
 //! A file that appears whole: written beside its place, brought to the disk, renamed.
+//!
+//! Files that are read whole because somebody, or another file, has named them: of a kind that ends, and of a size that is read.
 
 use super::disk::{Disk, disk};
 use super::temporary;
+use fdm_system::record::open_input;
 use std::ffi::OsStr;
-use std::fs::{self, File};
-use std::io::{self, Write};
+use std::fs::File;
+use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
-
-/// Links that lead on to links are followed so often.
-const MOST_LINKS: usize = 40;
+use std::{fs, io};
 
 /// Writes a file whole, in the place of what stands there: a reader finds the one or the other, and so does everybody after an
 /// interruption at any moment. A link stays a link, and permissions stay. Devices and pipes are written as they are.
@@ -63,7 +64,8 @@ pub fn clock_of(folder: &Path) -> Option<SystemTime> {
 /// Those of the file system; links that lead back.
 pub fn end_of_links(path: &Path) -> io::Result<PathBuf> {
     let mut place = path.to_path_buf();
-    for _ in 0..MOST_LINKS {
+    // links that lead on to links are followed so often
+    for _ in 0..40 {
         match fs::read_link(&place) {
             Ok(next) => place = place.parent().unwrap_or(Path::new("")).join(next),
             Err(_) => return Ok(place),
@@ -124,6 +126,31 @@ fn is_free_to_change(place: &Path) -> io::Result<()> {
         Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(()),
         opened => opened.map(drop),
     }
+}
+
+/// Most bytes of a text that is read whole: tables, plans and problems. A plan of a million tasks has a tenth of it; larger ones are
+/// records, which have a reader of their own.
+pub const MOST_BYTES: u64 = 1 << 30;
+
+/// The bytes of an input file ([`open_input`]).
+///
+/// # Errors
+/// As [`open_input`]; for a file of more than [`MOST_BYTES`].
+pub fn read_input(path: &Path) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    open_input(path)?.take(MOST_BYTES + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > MOST_BYTES {
+        return Err(io::Error::other(format!("is larger than the limit of {} MiB", MOST_BYTES >> 20)));
+    }
+    Ok(bytes)
+}
+
+/// The text of an input file ([`read_input`]).
+///
+/// # Errors
+/// As [`read_input`]; for what is not UTF-8.
+pub fn read_input_text(path: &Path) -> io::Result<String> {
+    String::from_utf8(read_input(path)?).map_err(|_| io::Error::new(io::ErrorKind::InvalidData, "is not UTF-8 text"))
 }
 
 #[cfg(test)]
@@ -196,5 +223,26 @@ mod tests {
         symlink("forth", at("back")).unwrap();
         assert!(write_file(&at("back"), b"x").is_err());
         assert!(write_file(folder.path(), b"x").is_err());
+    }
+}
+
+#[cfg(test)]
+mod input_tests {
+    use super::*;
+    use std::fs;
+
+    #[test]
+    fn only_what_ends_is_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("a.toml");
+        fs::write(&file, "a = 1").unwrap();
+        assert_eq!(read_input_text(&file).unwrap(), "a = 1");
+        assert!(read_input(folder.path()).unwrap_err().to_string().contains("directory"));
+        fs::write(&file, [0xff, 0xfe]).unwrap();
+        assert!(read_input_text(&file).unwrap_err().to_string().contains("UTF-8"));
+        #[cfg(unix)]
+        for device in ["/dev/zero", "/dev/null"] {
+            assert!(read_input(Path::new(device)).unwrap_err().to_string().contains("device"), "{device}");
+        }
     }
 }

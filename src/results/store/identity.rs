@@ -1,11 +1,23 @@
 //! What makes two fits the same: the same program, model, data and options give the same bits.
+//!
+//! SHA-256 of what a result was made from.
+//!
+//! Which program this is: the fingerprint of the file that holds its machine code.
+//!
+//! Whether two models say the same, whatever their layout, comments and start values.
 
-use super::fingerprint::fingerprint;
+use super::disk::reason;
+use fdm_grammar::graph::{Leaf, Names, Signal, show};
+use fdm_grammar::model::{Origin, Quantity};
+use fdm_grammar::op::ExprId;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use std::fmt;
+use sha2::{Digest, Sha256};
+use std::path::PathBuf;
+use std::sync::OnceLock;
+use std::{fmt, fs};
 
 /// What the name of an option begins with.
 const OPTION: &str = "option ";
@@ -157,6 +169,121 @@ fn named(value: &Value, path: &mut Vec<String>, parts: &mut Vec<(String, String)
     }
 }
 
+/// SHA-256 as 64 hexadecimal digits.
+pub fn fingerprint(bytes: &[u8]) -> String {
+    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// SHA-256 of the file that this code was loaded from: the program, or the library that another program has loaded.
+///
+/// # Errors
+/// A sentence, where the file cannot be read.
+pub fn program_fingerprint() -> Result<&'static str, String> {
+    static FOUND: OnceLock<Result<String, String>> = OnceLock::new();
+    let read = || {
+        let file = file()?;
+        let bytes = fs::read(&file).map_err(|e| format!("{}: {}", file.display(), reason(&e)))?;
+        Ok(fingerprint(&bytes))
+    };
+    FOUND.get_or_init(read).as_deref().map_err(Clone::clone)
+}
+
+fn file() -> Result<PathBuf, String> {
+    if let Some(library) = mapped() {
+        return Ok(library);
+    }
+    std::env::current_exe().map_err(|e| format!("the file of this program: {}", reason(&e)))
+}
+
+/// The file behind the memory in which this function stands, where it is not the program itself (proc(5): `maps`).
+fn mapped() -> Option<PathBuf> {
+    let here = mapped as fn() -> Option<PathBuf> as usize;
+    let maps = fs::read_to_string("/proc/self/maps").ok()?;
+    let place = maps.lines().find(|line| {
+        let range = line.split(' ').next().and_then(|range| range.split_once('-'));
+        let number = |text: &str| usize::from_str_radix(text, 16).ok();
+        range.is_some_and(|(from, to)| number(from).is_some_and(|f| f <= here) && number(to).is_some_and(|t| here < t))
+    })?;
+    let path = PathBuf::from(place.splitn(6, ' ').nth(5)?.trim_start());
+    // the program itself can be read under this name even when its file was replaced meanwhile
+    let own = PathBuf::from("/proc/self/exe");
+    let is_program = fs::read_link(&own).is_ok_and(|program| program == path);
+    Some(if is_program { own } else { path })
+}
+
+/// What a model says about one name.
+struct Saying {
+    /// The name with its role.
+    what: String,
+    /// What makes it that.
+    text: String,
+}
+
+/// What differs between a model `then` and a model `now`, one sentence each; none when the same parameters give the same
+/// response, about the same trim. Start values, bounds, docs and layout do not matter.
+pub fn differences(then: &Model, now: &Model) -> Vec<String> {
+    if then.source().same_texts(now.source()) {
+        return Vec::new();
+    }
+    let (a, b) = (sayings(then), sayings(now));
+    let mut found = Vec::new();
+    for old in &a {
+        match b.iter().find(|new| new.what == old.what) {
+            None => found.push(format!("{} is missing", old.what)),
+            Some(new) if new.text != old.text => {
+                found.push(format!("{} is {} and was {}", old.what, short(&new.text), short(&old.text)));
+            }
+            Some(_) => {}
+        }
+    }
+    let new = b.iter().filter(|new| !a.iter().any(|old| old.what == new.what));
+    found.extend(new.map(|new| format!("{} is new", new.what)));
+    found
+}
+
+fn sayings(model: &Model) -> Vec<Saying> {
+    let m = model.definition();
+    let mut all = vec![Saying { what: "the unit of time".into(), text: m.time.to_string() }];
+    let unit = |q: &Quantity| q.unit.as_ref().map_or(String::from("without a unit"), |u| format!("in {u}"));
+    let mut add = |what: String, text: String| all.push(Saying { what, text });
+    let shown = |e: ExprId| show(&m.graph, e, m);
+    for input in &m.inputs {
+        add(format!("the input `{}`", input.quantity.name), unit(&input.quantity));
+    }
+    for p in &m.params {
+        let kind = if p.per_run { "per run" } else { "shared" };
+        // whether an initial value is free is seen at its state
+        if p.origin == Origin::Declared {
+            add(format!("the parameter `{}`", p.quantity.name), format!("{kind}, {}", unit(&p.quantity)));
+        }
+    }
+    for s in &m.states {
+        let name = &s.quantity.name;
+        add(format!("the state `{name}`"), unit(&s.quantity));
+        add(format!("`der({name})`"), format!("`{}`", shown(s.rate)));
+        add(format!("the initial value of `{name}`"), format!("`{}`", shown(s.initial)));
+    }
+    for o in &m.outputs {
+        add(format!("the output `{}`", o.quantity.name), format!("`{}`, {}", shown(o.expr), unit(&o.quantity)));
+    }
+    for (signal, value) in &m.trim {
+        let name = m.leaf(match signal {
+            Signal::State(k) => Leaf::State(*k),
+            Signal::Input(k) => Leaf::Input(*k),
+        });
+        all.push(Saying { what: format!("the trim of `{name}`"), text: format!("`{}`", shown(*value)) });
+    }
+    all
+}
+
+fn short(text: &str) -> String {
+    const LONGEST: usize = 120;
+    if text.chars().count() <= LONGEST {
+        return text.into();
+    }
+    text.chars().take(LONGEST).chain("...".chars()).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -224,5 +351,60 @@ mod tests {
         assert_eq!(said(&of(&then), &of(&now)), ["option options, noise: diagonal there, full here"]);
         now = FitOptions { per_interval: Some(4), ..then.clone() };
         assert!(!of(&then).differences(&of(&now)).is_empty());
+    }
+}
+
+#[cfg(test)]
+mod fingerprint_tests {
+    use super::*;
+
+    #[test]
+    fn digests_are_those_of_the_standard() {
+        // FIPS 180-4, examples
+        assert_eq!(fingerprint(b"abc"), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+        assert_eq!(fingerprint(b""), "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855");
+    }
+}
+
+#[cfg(test)]
+mod program_tests {
+    use super::*;
+
+    #[test]
+    fn the_fingerprint_is_that_of_the_file_of_this_test() {
+        let program = fs::read(std::env::current_exe().unwrap()).unwrap();
+        assert_eq!(program_fingerprint(), Ok(fingerprint(&program).as_str()));
+    }
+}
+
+#[cfg(test)]
+mod comparison_tests {
+    use super::*;
+
+    const TEXT: &str =
+        "model a { state x = free; input u; param k = 1 [1/s], c = 2 fixed; der(x) = u - k*x; output y = c*x; }";
+
+    fn found(now: &str) -> Vec<String> {
+        let [then, now] = [TEXT, now].map(|t| Model::from_text("a.fdm", t).unwrap());
+        differences(&then, &now)
+    }
+
+    #[test]
+    fn layout_and_start_values_do_not_matter() {
+        assert!(found(&TEXT.replace("; ", ";\n  // said\n")).is_empty());
+        assert!(found(&TEXT.replace("k = 1", "k = 7 in [0, 9]")).is_empty());
+    }
+
+    #[test]
+    fn what_differs_is_named() {
+        let said = found(&TEXT.replace("u - k*x", "u - k/x"));
+        assert_eq!(said, ["`der(x)` is `u - k/x` and was `u - x*k`"]);
+        assert_eq!(found(&TEXT.replace("= free", "= 0")).len(), 1);
+        let said = found(&TEXT.replace("k = 1 [1/s]", "k = 1 per run [1/min]"));
+        assert_eq!(said, ["the parameter `k` is per run, in 1/min and was shared, in 1/s"]);
+        let said = found(&TEXT.replace("output y = c*x", "output z = c*x"));
+        assert_eq!(said, ["the output `y` is missing", "the output `z` is new"]);
+        let said = found(&TEXT.replace("output y", "trim { u = 2*k; } output y"));
+        assert_eq!(said, ["the trim of `u` is new"]);
     }
 }

@@ -1,7 +1,7 @@
 //! What a result was made from, and what its folder holds.
 
-use super::fingerprint::fingerprint;
 use super::identity::Identity;
+use super::identity::fingerprint;
 use fdm_estimate::Noise;
 use fdm_grammar::Groups;
 use fdm_system::record::ReadOptions;

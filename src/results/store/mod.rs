@@ -9,37 +9,27 @@
 //! and `destination` (a folder); `disk` -> `envelope` (header and checksum) -> `generations` (the newest valid one) -> `checkpoint`.
 
 mod checkpoint;
-mod comparison;
 mod destination;
 mod disk;
-mod envelope;
 mod faults;
 mod file;
-mod fingerprint;
 mod generations;
 mod identity;
-mod input;
 mod manifest;
-mod program;
-mod progress;
 mod result_folder;
 mod task_results;
 mod temporary;
-mod work_folder;
 
 pub use checkpoint::{Checkpoint, CheckpointError};
-pub use comparison::differences;
 pub use destination::{Destination, DestinationError, manifest_text, own_files};
 pub use disk::reason;
 #[doc(hidden)]
 pub use faults::fail_at;
-pub use file::{admits, clock_of, end_of_links, make_folder, write_file, write_new_file};
-pub use fingerprint::fingerprint;
-pub use identity::{Difference, Identity};
-pub use input::{MOST_BYTES, read_input, read_input_text};
+pub use file::{
+    MOST_BYTES, admits, clock_of, end_of_links, make_folder, read_input, read_input_text, write_file, write_new_file,
+};
+pub use identity::{Difference, Identity, differences, fingerprint, program_fingerprint};
 pub use manifest::{DataFile, KeptFile, Manifest};
-pub use program::program_fingerprint;
-pub use progress::ProgressFile;
 pub use result_folder::{Contents, ResultError, ResultFolder, whole_files};
-pub use task_results::{Gathered, Provenance, TaskError, TaskKey, TaskResults};
-pub use work_folder::WorkFolder;
+pub use task_results::{Gathered, ProgressFile, Provenance, TaskError, TaskKey, TaskResults};
+pub use temporary::WorkFolder;

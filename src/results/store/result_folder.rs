@@ -2,9 +2,9 @@
 
 use super::destination::{Destination, DestinationError, is_plain, manifest_text, standing};
 use super::disk::reason;
-use super::fingerprint::fingerprint;
+use super::file::{read_input, read_input_text};
 use super::identity::Identity;
-use super::input::{read_input, read_input_text};
+use super::identity::fingerprint;
 use super::manifest::{self, KeptFile, Manifest};
 use crate::documents::{FitDocument, KeptParameter, OutputDocument, ResultDocument, from_text, to_text};
 use fdm_estimate::{Changes, Fit, FitOptions, Options, Status};

@@ -1,16 +1,18 @@
 //! What is not finished: its names, and the removal of what a program that died has left of it.
+//!
+//! A folder in which a command works while it runs, gone when it ends.
 
 use super::disk::Disk;
 use std::ffi::OsStr;
-use std::fs::{self, File};
-use std::path::{Path, PathBuf};
+use std::fs::File;
+use std::path::{Component, Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{SystemTime, UNIX_EPOCH};
+use std::{fs, io};
+use tempfile::TempDir;
 
 const MARK: &str = ".fdm-";
 const ENDING: &str = ".new";
-/// Bytes of a name that go into that of its successor; file systems take 255.
-const LONGEST: usize = 180;
 
 /// The place of a successor that is not finished, in a folder, of what is called `name` there; of the folder itself when the name
 /// is empty.
@@ -23,7 +25,8 @@ pub(super) fn place(folder: &Path, name: &OsStr) -> PathBuf {
 
 fn beginning(name: &OsStr) -> String {
     let name = name.to_string_lossy();
-    let end = name.char_indices().map(|(k, c)| k + c.len_utf8()).take_while(|end| *end <= LONGEST).last().unwrap_or(0);
+    // bytes of a name that go into that of its successor; file systems take 255
+    let end = name.char_indices().map(|(k, c)| k + c.len_utf8()).take_while(|end| *end <= 180).last().unwrap_or(0);
     let stop = if end == 0 { "" } else { "." };
     format!("{stop}{}{MARK}", &name[..end])
 }
@@ -54,6 +57,34 @@ pub(super) fn clear(disk: &dyn Disk, folder: &Path, name: &OsStr) {
             kind if kind.is_file() => disk.remove_file(&path),
             _ => Ok(()),
         };
+    }
+}
+
+/// A folder with files, gone when it is dropped.
+#[derive(Debug)]
+pub struct WorkFolder(TempDir);
+
+impl WorkFolder {
+    /// With these files: names, which may have folders in them, and contents.
+    ///
+    /// # Errors
+    /// Of the file system; of the kind `InvalidInput` for a name that leads out of the folder.
+    pub fn with(files: &[(String, Vec<u8>)]) -> io::Result<Self> {
+        let folder = tempfile::tempdir()?;
+        for (name, contents) in files {
+            if !Path::new(name).components().all(|c| matches!(c, Component::Normal(_))) {
+                return Err(io::Error::new(io::ErrorKind::InvalidInput, format!("`{name}` leads out of the folder")));
+            }
+            let path = folder.path().join(name);
+            path.parent().map_or(Ok(()), fs::create_dir_all)?;
+            fs::write(path, contents)?;
+        }
+        Ok(Self(folder))
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        self.0.path()
     }
 }
 
@@ -89,5 +120,23 @@ mod tests {
         drop(System.write(&made, b"half").unwrap());
         clear(&System, folder.path(), long.as_ref());
         assert!(!made.exists());
+    }
+}
+
+#[cfg(test)]
+mod work_folder_tests {
+    use super::*;
+
+    #[test]
+    fn files_stand_in_it_and_never_beside_it() {
+        let file = |name: &str| vec![(name.to_string(), b"a".to_vec())];
+        let folder = WorkFolder::with(&file("deep/a.txt")).unwrap();
+        let path = folder.path().to_path_buf();
+        assert_eq!(fs::read(path.join("deep/a.txt")).unwrap(), b"a");
+        drop(folder);
+        assert!(!path.exists());
+        for name in ["../a.txt", "/a.txt", "deep/../../a.txt"] {
+            assert!(WorkFolder::with(&file(name)).is_err(), "{name}");
+        }
     }
 }

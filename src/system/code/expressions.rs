@@ -1,8 +1,8 @@
 //! Expressions beside a model, evaluated at one point after the other, for records; and programs in complex numbers, for what a step into
 //! the imaginary direction makes of their results.
 
-use super::disturbance::Rounding;
 use super::tape::Bytecode;
+use super::verification::Rounding;
 use crate::dynamics::{Point, Workspace};
 use fdm_grammar::external::Function;
 use fdm_grammar::graph::Graph;

@@ -3,7 +3,6 @@
 //! Nothing is reordered, contracted or approximated: a result has one value, whoever computes it. The reference is `tape.rs`, the fast
 //! path `jit/`; [`verify`] compares every partial with a numerical derivative.
 
-mod disturbance;
 mod expressions;
 #[cfg(feature = "jit")]
 mod jit;
@@ -17,13 +16,12 @@ mod verification;
 use crate::dynamics::Dynamics;
 use fdm_grammar::Schedule;
 
-pub use disturbance::Nominal;
 pub use expressions::Expressions;
 #[cfg(feature = "jit")]
 pub use jit::Jit;
 pub(crate) use tape::Bytecode;
 pub use tape::Tape;
-pub use verification::{Discrepancy, TOLERANCE, Verification, verify};
+pub use verification::{Discrepancy, Nominal, TOLERANCE, Verification, verify};
 
 /// Who evaluates a model. The results are the same bits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -276,9 +276,6 @@ fn signal(wiring: &Wiring, leaves: &[Complex64], source: Source) -> Complex64 {
     }
 }
 
-/// Coefficients beyond this are left to the elimination, whose rows and columns are scaled.
-const LARGEST: f64 = 1e150;
-
 /// `A = T H T^-1` with H a Hessenberg matrix: balanced, then turned.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Reduction {
@@ -306,7 +303,8 @@ impl Reduction {
                 _ => {}
             }
         }
-        if n < 2 || a.iter().any(|v| v.abs() > LARGEST) {
+        // coefficients beyond this are left to the elimination, whose rows and columns are scaled
+        if n < 2 || a.iter().any(|v| v.abs() > 1e150) {
             return None;
         }
         let scale = balancing::balance_parlett_reinsch(&mut a);

@@ -183,9 +183,6 @@ struct Past {
     reached: Vec<Vec<[Complex64; 2]>>,
 }
 
-/// Numbers that are kept of boundaries; what lies further back is summed up every time.
-const MOST_KEPT: usize = 1 << 21;
-
 impl Past {
     fn new(dt: f64, pieces: Vec<[f64; 2]>, beyond: f64, frequencies: usize) -> Self {
         let first = vec![[Complex64::ONE, Complex64::ZERO]; frequencies];
@@ -213,7 +210,8 @@ impl Past {
 
     /// Calls `each` with the turn at the beginning of a piece and the integral up to it, for all frequencies.
     fn walk(&mut self, piece: usize, omega: &[f64], mut each: impl FnMut(usize, [Complex64; 2])) {
-        while self.reached.len() <= piece && self.reached.len() * omega.len() < MOST_KEPT {
+        // numbers that are kept of boundaries; what lies further back is summed up every time
+        while self.reached.len() <= piece && self.reached.len() * omega.len() < (1 << 21) {
             let next = self.next(self.reached.len() - 1, omega, &self.reached[self.reached.len() - 1]);
             self.reached.push(next);
         }

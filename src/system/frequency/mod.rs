@@ -10,8 +10,6 @@ mod elimination;
 #[cfg(test)]
 mod end_point_tests;
 mod end_points;
-mod expression;
-mod leaves;
 mod plan;
 mod program;
 mod response;
@@ -22,5 +20,4 @@ mod tests;
 mod wiring;
 
 pub use end_points::{EndColumn, EndPoint, EndTerms};
-pub use response::FrequencyError;
-pub use response::{FrequencyResponse, Plans};
+pub use response::{FrequencyError, FrequencyResponse, Plans};

@@ -4,17 +4,15 @@
 //! for the equations that unknowns move, or rows for the outputs, whichever makes the shorter program.
 
 use super::elimination::Elimination;
-use super::expression::{Expressions, Scalar, Scalars, Value};
+use super::elimination::{Expressions, Scalar, Scalars, Value};
 use super::program::{Program, Results};
 use super::wiring::{Influence, Source, Wiring};
-
-/// Pivots that change more entries than this are left to the reduction by numbers.
-const MOST_CHANGES: usize = 20_000;
 
 /// Makes the program; `units` says which of the given numbers (terms, slopes, derivatives of delays, end values) count
 /// as 1 or -1. Nothing when the equations are too full to be solved symbolically.
 pub(super) fn plan(wiring: &Wiring, units: &[Option<i8>]) -> Option<Program> {
-    if changes(wiring) > MOST_CHANGES {
+    // pivots that change more entries than this are left to the reduction by numbers
+    if changes(wiring) > 20_000 {
         return None;
     }
     let planner = Planner::new(wiring, units.to_vec());

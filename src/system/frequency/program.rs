@@ -5,7 +5,7 @@
 //! to find the next instruction is shared by all frequencies of the block. Lanes do not mix, so that every width gives the
 //! same bits.
 
-use super::expression::{Expression, Expressions, INTEGRAL, Node, Scalar, Scalars};
+use super::elimination::{Expression, Expressions, INTEGRAL, Node, Scalar, Scalars};
 use crate::simulate::Planes;
 use fdm_numeric::lanes::{Simd, WithSimd, dispatch};
 use std::cell::Cell;

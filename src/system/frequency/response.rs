@@ -1,11 +1,11 @@
 //! The response of one run at its frequencies: programs kept for the choices of columns ([`Plans`]), run block by block.
 
 use super::dense::Dense;
+use super::elimination::units_of;
 use super::end_points::{DelayedInput, EndColumn, EndTerms, Ends};
-use super::expression::units_of;
-use super::leaves::Leaves;
 use super::plan::plan;
 use super::program::{BLOCK, DATA, Execution, FLAGS, PLANE, Program};
+use super::wiring::Leaves;
 use super::wiring::Wiring;
 use crate::linear::{Structure, Values};
 use crate::simulate::{Block, PlaneSink, Planes, Sink};
@@ -249,7 +249,8 @@ impl FrequencyResponse {
         }
         let wiring = Wiring::new(&self.structure, &self.ends, self.sampled, columns);
         let prepared = self.plans.prepared(wiring, &self.units);
-        if self.ready.len() == MOST_READY {
+        // selections of columns for which memory is kept
+        if self.ready.len() == 4 {
             self.ready.remove(0);
         }
         let Self { omega, inputs, ends, leaves, .. } = self;
@@ -258,9 +259,6 @@ impl FrequencyResponse {
         self.ready.len() - 1
     }
 }
-
-/// Selections of columns for which memory is kept.
-const MOST_READY: usize = 4;
 
 /// Numbers that are 1 or -1 and, as far as can be seen, stay so: outputs depend only on coefficients that no parameter
 /// moves being among them.

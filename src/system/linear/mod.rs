@@ -5,12 +5,10 @@
 
 mod coefficients;
 mod modes;
-mod roots;
 #[cfg(test)]
 mod tests;
 mod trim;
 
-pub use coefficients::{LinearModel, Obtained, Recorded, Trim};
-pub use coefficients::{Slope, Structure, TauSlope, Term, Values};
+pub use coefficients::{LinearModel, Obtained, Recorded, Slope, Structure, TauSlope, Term, Trim, Values};
 pub use modes::{Mode, ModeErrors, Modes, ModesError};
 pub use trim::TrimError;

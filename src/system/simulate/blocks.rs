@@ -100,9 +100,6 @@ impl Block<'_> {
     }
 }
 
-/// Numbers of rows in a block: what stays in the cache nearest to the processor, or hardly leaves it; sums are fetched and put
-/// back once for each block.
-const NUMBERS: usize = 4096;
 /// Numbers of rows in a block where they are computed where they are handed over: as no second array of them passes
 /// through that cache, what is done once for each block decides.
 const CONTINUED: usize = 8192;
@@ -121,7 +118,9 @@ pub(super) struct Gathering {
 
 impl Gathering {
     pub(super) fn new(layout: RowLayout) -> Self {
-        let capacity = (NUMBERS / layout.length.max(1)).clamp(4, 128);
+        // numbers of rows in a block: what stays in the cache nearest to the processor, or hardly leaves it; sums are
+        // fetched and put back once for each block
+        let capacity = (4096 / layout.length.max(1)).clamp(4, 128);
         Self::of(layout, capacity, 0)
     }
 

@@ -1,15 +1,15 @@
 //! Chooses method and steps of a run: the least work that brings the integration error below 1e-8 of every output's range.
 //!
-//! The error of a response is what halving its steps says (`integration_error.rs`). Explicit steps are doubled until it stands still.
+//! The error of a response is what halving its steps says (`step_control.rs`). Explicit steps are doubled until it stands still.
 //! When that takes more of them than an implicit step is worth, the model may be stiff, or quick in one place only: then both methods
 //! are tried with steps as long as accuracy allows (`step_control.rs`), and the cheaper one is taken. Work is counted in operations, not in
 //! seconds, so that the choice is always the same.
 
 use super::discrete::{self, Intervals};
 use super::error::{MOST_IMPLICIT, Unsuited};
-use super::integration_error::{SOUND, TOLERANCE, UNSOUND, difference, integration_error, remaining, response};
 use super::simulator::Simulator;
 use super::step_control::{self, Probe, Scales};
+use super::step_control::{SOUND, TOLERANCE, UNSOUND, difference, integration_error, remaining, response};
 use super::steps::{Grid, Scheme, Steps};
 use crate::dynamics::{Dynamics, Layout};
 use crate::record::Run;
@@ -20,18 +20,12 @@ use fdm_numeric::lanes::VECTOR;
 /// Steps per run beyond which halving stops: what remains is said, not hidden.
 const MOST_STEPS: usize = 4_000_000;
 const MOST_PER_INTERVAL: usize = 1024;
-/// Steps of different lengths beyond those of one per interval.
-const MOST_UNEVEN: usize = 100_000;
-/// Times that the local tolerance is lowered.
-const MOST_PASSES: usize = 6;
 /// Local tolerance with which the sizes of states and outputs are found.
 const ROUGH: f64 = 1e-4;
 /// Ratio of the longest to the shortest interval from which derivatives by equal steps are asked as well (those by uneven ones always
 /// are), and the part of their largest by which halved steps may move them.
 const GRADED: f64 = 1000.0;
 const ROUGH_SENSITIVITY: f64 = 1e-3;
-/// Derivatives that are kept at once while they are compared.
-const MOST_DERIVATIVES: usize = 1 << 24;
 /// Smallest local tolerance.
 const FINEST: f64 = 1e-13;
 
@@ -330,7 +324,8 @@ impl Choice<'_> {
         let lanes = &self.dynamics.layout().stage.lane;
         let columns: Vec<usize> = (0..lanes.len()).filter(|param| lanes[*param].is_some()).collect();
         let rows = self.run.len() * self.dynamics.layout().outputs;
-        let tile = (MOST_DERIVATIVES / rows.max(1)).max(1).next_multiple_of(VECTOR);
+        // derivatives that are kept at once while they are compared
+        let tile = ((1 << 24) / rows.max(1)).max(1).next_multiple_of(VECTOR);
         let mut worst = 0.0_f64;
         for columns in columns.chunks(tile) {
             if !self.halt.is_none_or(Halt::goes_on) {
@@ -375,7 +370,8 @@ impl Choice<'_> {
         let Some((_, met)) = finer.iter().find_map(tried) else { return Ok(None) };
         scales = met;
         let (mut tolerance, mut best): (f64, Option<Accuracy>) = (self.aim.enough, None);
-        for _ in 0..MOST_PASSES {
+        // times that the local tolerance is lowered
+        for _ in 0..6 {
             let Some((steps, met)) = step_control::choose(&mut probe, scheme, tolerance, &scales, most) else { break };
             scales = met;
             let error = integration_error(self.dynamics, self.run, self.theta, steps.clone())?;
@@ -392,7 +388,8 @@ impl Choice<'_> {
     }
 
     fn most_uneven(&self) -> usize {
-        self.run.len() + MOST_UNEVEN
+        // steps of different lengths beyond those of one per interval
+        self.run.len() + 100_000
     }
 
     /// Delayed states want the grid that their history was made for, and events are beyond the probe.
@@ -401,12 +398,6 @@ impl Choice<'_> {
             && !self.dynamics.layout().delayed.iter().any(|s| matches!(s, Signal::State(_)))
     }
 }
-
-/// An operation of an implicit step takes as long as this many of an explicit one, whose rows are longer and known before; measured by
-/// `studies/stiff.rs` with 10 to 200 states.
-const SLOWER: f64 = 6.0;
-/// Times that an implicit step looks through its whole matrix.
-const SCANS: f64 = 10.0;
 
 /// Operations of a step with its sensitivities, in those of an explicit step.
 struct Work {
@@ -428,14 +419,17 @@ impl Work {
         let solutions = 4.0 * size * band;
         Self {
             runge_kutta: 4.0 * (partials + 2.0 * (entries + 2.0 * n) * lanes),
-            radau: SLOWER
+            // an operation of an implicit step takes as long as this many of an explicit one, whose rows are longer
+            // and known before; measured by `studies/stiff.rs` with 10 to 200 states
+            radau: 6.0
                 * (200.0
                     + 6.0 * partials
                     + 9.0 * rates
                     + 2.0 * factors
                     + 3.0 * solutions
                     + solutions * lanes
-                    + SCANS * size * size),
+                    // times that an implicit step looks through its whole matrix
+                    + 10.0 * size * size),
         }
     }
 }
@@ -454,9 +448,9 @@ pub struct Accuracy {
 mod tests {
     #![allow(clippy::unwrap_used)]
 
-    use super::super::integration_error::worst_errors;
     use super::*;
     use crate::model::Model;
+    use crate::simulate::step_control::worst_errors;
     use fdm_numeric::halt::Stop;
     use std::sync::Arc;
     use std::sync::atomic::{AtomicUsize, Ordering};

@@ -8,10 +8,10 @@
 
 use super::blocks::Sink;
 use super::cuts::Turn;
+use super::cuts::take_back;
 use super::error::Divergence;
 use super::events::{EventEntries, Follower, Jump, Part, Stretch, by_time, guard_rate};
-use super::runge_kutta::Sensitivity;
-use super::stops::take_back;
+use super::tangent::Sensitivity;
 use super::tangent::TangentPlan;
 use super::trajectory::{Trajectory, finite, two_nodes};
 use crate::dynamics::{Layout, Point, Step, Workspace};

@@ -9,14 +9,12 @@
 //! An event is armed while its guard is not above zero, and happens only when it is.
 
 use super::cuts::Turn;
+use super::cuts::take_back;
 use super::error::{EventFault, MOST_EVENTS};
-use super::stops::take_back;
 use crate::dynamics::{Dynamics, Layout, Point, Step, Workspace};
 
 /// Parts of a step at which the interpolant is looked at.
 pub(super) const LOOKS: [f64; 3] = [0.25, 0.5, 0.75];
-/// Most trials until an instant is found; each at least halves the bracket in two.
-const MOST_TRIALS: usize = 200;
 
 /// A whole step, with what drives it.
 #[derive(Clone, Copy)]
@@ -480,7 +478,8 @@ pub(super) fn root(
 ) -> Bracket {
     // false position (Illinois), with a halving in every third trial
     let (mut side, mut weight) = (0, [under, over]);
-    for trial in 0..MOST_TRIALS {
+    // most trials until an instant is found; each at least halves the bracket in two
+    for trial in 0..200 {
         if high - low <= finest {
             break;
         }

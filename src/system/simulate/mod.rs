@@ -2,7 +2,7 @@
 //!
 //! Method and steps are chosen once ([`choose_steps`]) and then kept, so that the sensitivities are the exact derivative of the discrete
 //! response, not an approximation of the derivative of something else. A `Trajectory` is what every integrator advances: explicit
-//! steps (`runge_kutta.rs`; across events `events.rs`, cut at limits and kinks `cuts.rs`), implicit ones for stiff models (`stiff`), models with delayed states (`delayed`), and linear models by exact
+//! steps (`tangent.rs`; across events `events.rs`, cut at limits and kinks `cuts.rs`), implicit ones for stiff models (`stiff`), models with delayed states (`delayed`), and linear models by exact
 //! discretisation (`discrete`).
 
 mod blocks;
@@ -15,27 +15,20 @@ mod drive;
 mod error;
 mod event_steps;
 mod events;
-mod integration_error;
-mod observation;
-mod runge_kutta;
 mod simulator;
-mod single_step;
 mod step_control;
 mod steps;
 mod stiff;
-mod stops;
 mod tangent;
 mod trajectory;
 
-pub use blocks::{Block, OutputRow, RowLayout, Sink};
-pub use blocks::{PlaneSink, Planes};
+pub use blocks::{Block, OutputRow, PlaneSink, Planes, RowLayout, Sink};
 pub use choice::{Accuracy, StepOptions, choose_steps};
+pub use cuts::{rests, take_back};
 pub use drive::Course;
 pub use error::{Divergence, EventFault, Unsuited};
-pub use integration_error::{SOUND, UNSOUND, WorstError, error_of, integration_error, output_range, worst_errors};
-pub use simulator::Simulator;
-pub use single_step::SingleStep;
-pub use steps::Grid;
-pub use steps::Scheme;
-pub use steps::Steps;
-pub use stops::{rests, take_back};
+pub use simulator::{Simulator, SingleStep};
+pub use step_control::{
+    SOUND, UNSOUND, WorstError, error_of, integration_error, output_range, shortened, step_factor, worst_errors,
+};
+pub use steps::{Grid, Scheme, Steps};

@@ -1,17 +1,21 @@
 //! A run that is being integrated: its grid, what drives it, the states at the last nodes and the past that delays see.
 //!
 //! Every integrator advances this, and every observation reads it.
+//!
+//! Outputs and their sensitivities at a sample: `y_theta = h_theta + h_x S + h_delay S_delay`.
+//!
+//! Every integrator observes by this: it gives the states at the sample and their sensitivities in lanes.
 
-use super::cuts::Cuts;
+use super::cuts::{Cuts, Stops};
 use super::delayed::History;
 use super::drive::DriveTable;
 use super::error::Divergence;
 use super::events::{Events, Follower, StatesAlone, Stretch};
 use super::steps::Grid;
-use super::stops::Stops;
-use crate::dynamics::{Dynamics, Point, Step, Workspace};
+use crate::dynamics::{Dynamics, Layout, Point, Step, Workspace};
 use crate::record::Run;
 use fdm_grammar::graph::Signal;
+use fdm_numeric::lanes::{VECTOR, accumulate, copy_vectors, gather};
 
 /// A step as an implicit method sees it.
 #[derive(Debug, Clone, Copy)]
@@ -218,4 +222,216 @@ pub(super) fn two_nodes(nodes: &mut [Vec<f64>; 3], k: usize) -> (&[f64], &mut [f
         1 => (b, c),
         _ => (c, a),
     }
+}
+
+/// Copies one number of a result to a lane.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Scatter {
+    pub(super) from: u32,
+    pub(super) to: u32,
+}
+
+/// Adds `entry * row` of sensitivities to a row of outputs.
+#[derive(Debug, Clone, Copy)]
+struct OutputTerm {
+    /// Position of the entry of h_x or h_delay in the result.
+    entry: u32,
+    /// First lane of the row that is read.
+    from: u32,
+    /// First lane of the row that is added to.
+    to: u32,
+}
+
+/// Plans and memory for observing with one choice of columns.
+pub(super) struct Observation {
+    /// Lane of each column; empty when column k is lane k and no lane is left out.
+    lane_of: Vec<u32>,
+    lanes: usize,
+    /// Numbers in a row of the Jacobian: columns, rounded up to whole vectors.
+    pub(super) stride: usize,
+    by_param: Vec<Scatter>,
+    by_state: Vec<OutputTerm>,
+    by_delayed: Vec<OutputTerm>,
+    /// (position of tau_theta in known, delayed signal, lane)
+    tau: Vec<(usize, usize, usize)>,
+    /// For each output the state that it is, when every output is a state.
+    observed: Option<Vec<u32>>,
+    /// Result of `outputs_and_partials`, sensitivities of delayed signals, and rows of outputs in lanes.
+    output: Vec<f64>,
+    delayed: Vec<f64>,
+    rows: Vec<f64>,
+}
+
+impl Observation {
+    /// # Panics
+    /// When a column is a parameter that is fixed in the model: its sensitivity would be a silent zero.
+    pub(super) fn new(layout: &Layout, columns: &[usize]) -> Self {
+        let (p, stage) = (&layout.patterns, &layout.stage);
+        let lane = |param: usize| stage.lane[param].map(|l| l as usize);
+        let lane_of: Vec<u32> = columns
+            .iter()
+            .map(|c| {
+                stage.lane[*c].unwrap_or_else(|| panic!("parameter {c} is fixed in the model: it has no derivatives"))
+            })
+            .collect();
+        let all = lane_of.iter().enumerate().all(|(k, l)| k == *l as usize);
+        let all = all && columns.len() == stage.lane.iter().flatten().count();
+        let terms = |pattern: &fdm_grammar::Pattern, first: usize| -> Vec<OutputTerm> {
+            let row = |i: usize| (i * stage.lanes) as u32;
+            pattern
+                .entries()
+                .map(|(k, i, j)| OutputTerm { entry: (first + k) as u32, from: row(j), to: row(i) })
+                .collect()
+        };
+        let at = |(k, d, j)| Some((layout.tau_by_param.start + k, d, lane(j)?));
+        let by_param = layout.outputs + p.outputs_by_state.len() + p.outputs_by_delayed.len();
+        Self {
+            lane_of: if all { Vec::new() } else { lane_of },
+            lanes: stage.lanes,
+            stride: columns.len().next_multiple_of(VECTOR),
+            by_param: scatter(layout, &p.outputs_by_param, by_param),
+            by_state: terms(&p.outputs_by_state, layout.outputs),
+            by_delayed: terms(&p.outputs_by_delayed, layout.outputs + p.outputs_by_state.len()),
+            tau: p.tau_by_param.entries().filter_map(at).collect(),
+            observed: layout.observed.iter().copied().collect(),
+            output: vec![0.0; layout.output_slots()],
+            delayed: vec![0.0; layout.delayed.len() * stage.lanes],
+            rows: vec![0.0; if all { 0 } else { layout.outputs * stage.lanes }],
+        }
+    }
+
+    /// Outputs (q) and their sensitivities (q rows of `stride`) at the sample that is node k, whose states have the
+    /// sensitivities `s` (n rows of lanes).
+    #[inline(always)]
+    pub(super) fn observe(
+        &mut self,
+        trajectory: &mut Trajectory<'_>,
+        (sample, k): (usize, usize),
+        s: &[f64],
+        y: &mut [f64],
+        rows: &mut [f64],
+    ) -> Result<(), Divergence> {
+        if let Some(observed) = &self.observed {
+            let x = &trajectory.nodes[node(k)];
+            for (state, y) in observed.iter().zip(y) {
+                *y = x[*state as usize];
+            }
+            match (self.lane_of.is_empty(), self.stride / VECTOR) {
+                (true, 1) => copy_rows::<1>(observed, s, rows),
+                (true, 2) => copy_rows::<2>(observed, s, rows),
+                (true, 3) => copy_rows::<3>(observed, s, rows),
+                (true, 4) => copy_rows::<4>(observed, s, rows),
+                _ => self.choose_rows(observed, s, rows),
+            }
+            return Ok(());
+        }
+        if self.lane_of.is_empty() {
+            return self.outputs(trajectory, (sample, k), s, y, rows);
+        }
+        let mut in_lanes = std::mem::take(&mut self.rows);
+        let result = self.outputs(trajectory, (sample, k), s, y, &mut in_lanes);
+        for (row, lanes) in rows.chunks_exact_mut(self.stride.max(1)).zip(in_lanes.chunks_exact(self.lanes.max(1))) {
+            gather(&self.lane_of, lanes, row);
+        }
+        self.rows = in_lanes;
+        result
+    }
+
+    /// The rows of states, of which each lane is a column or only some are.
+    #[inline(always)]
+    fn choose_rows(&self, observed: &[u32], s: &[f64], rows: &mut [f64]) {
+        for (state, row) in observed.iter().zip(rows.chunks_exact_mut(self.stride.max(1))) {
+            let lanes = &s[*state as usize * self.lanes..][..self.lanes];
+            if self.lane_of.is_empty() { copy_vectors(lanes, row) } else { gather(&self.lane_of, lanes, row) }
+        }
+    }
+
+    /// The general case: `h_theta + h_x S + h_delay S_delay`, q rows of lanes.
+    #[inline(always)]
+    fn outputs(
+        &mut self,
+        trajectory: &mut Trajectory<'_>,
+        (sample, k): (usize, usize),
+        s: &[f64],
+        y: &mut [f64],
+        rows: &mut [f64],
+    ) -> Result<(), Divergence> {
+        let dynamics = trajectory.dynamics;
+        let layout = dynamics.layout();
+        let (q, lanes, t) = (layout.outputs, self.lanes, trajectory.run.time[sample]);
+        if !layout.delayed.is_empty() {
+            self.delay_signals(
+                layout,
+                trajectory.history.as_ref(),
+                sample,
+                t,
+                &trajectory.known,
+                &mut trajectory.drive,
+            );
+        }
+        let x = &trajectory.nodes[node(k)];
+        let at = Point { t, x, drive: trajectory.drive.sample(sample), known: &trajectory.known };
+        dynamics.outputs_and_partials(at, &mut self.output, &mut trajectory.work);
+        y.copy_from_slice(&self.output[..q]);
+        rows.fill(0.0);
+        for c in &self.by_param {
+            rows[c.to as usize] = self.output[c.from as usize];
+        }
+        for (terms, from) in [(&self.by_state, s), (&self.by_delayed, &self.delayed[..])] {
+            for term in terms {
+                let (from, to) = (&from[term.from as usize..][..lanes], &mut rows[term.to as usize..][..lanes]);
+                accumulate(self.output[term.entry as usize], from, to);
+            }
+        }
+        if y.iter().all(|y| y.is_finite()) {
+            Ok(())
+        } else {
+            Err(Divergence { time: t, state: None, sample, event: None })
+        }
+    }
+
+    /// Delayed signals at a sample with their sensitivities: the signal's own, and -slope times tau_theta.
+    #[inline(always)]
+    fn delay_signals(
+        &mut self,
+        layout: &Layout,
+        history: Option<&History>,
+        sample: usize,
+        t: f64,
+        known: &[f64],
+        drive: &mut DriveTable,
+    ) {
+        self.delayed.fill(0.0);
+        for (d, signal) in layout.delayed.iter().enumerate() {
+            let lanes = &mut self.delayed[d * self.lanes..][..self.lanes];
+            let slope = match (*signal, history) {
+                (Signal::State(state), Some(history)) => {
+                    let (value, slope) = history.at(t - known[layout.tau.start + d], state as usize, lanes);
+                    drive.sample(sample)[layout.inputs + d] = value;
+                    slope
+                }
+                _ => drive.sample_slopes(sample)[d],
+            };
+            for (at, _, lane) in self.tau.iter().filter(|(_, delayed, _)| *delayed == d) {
+                lanes[*lane] -= slope * known[*at];
+            }
+        }
+    }
+}
+
+/// The rows of states, V vectors each.
+#[inline(always)]
+fn copy_rows<const V: usize>(observed: &[u32], s: &[f64], rows: &mut [f64]) {
+    let (from, to) = (s.as_chunks::<VECTOR>().0.as_chunks::<V>().0, rows.as_chunks_mut::<VECTOR>().0);
+    for (state, row) in observed.iter().zip(to.as_chunks_mut::<V>().0) {
+        *row = from[*state as usize];
+    }
+}
+
+/// The entries of a pattern of derivatives by parameters that have a lane; results start at `first`.
+pub(super) fn scatter(layout: &Layout, pattern: &fdm_grammar::Pattern, first: usize) -> Vec<Scatter> {
+    let stage = &layout.stage;
+    let to = |row: usize, column: usize| stage.lane[column].map(|l| (row * stage.lanes) as u32 + l);
+    let entries = pattern.entries();
+    entries.filter_map(|(k, i, j)| to(i, j).map(|to| Scatter { from: (first + k) as u32, to })).collect()
 }

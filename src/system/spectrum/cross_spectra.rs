@@ -1,13 +1,21 @@
 //! Averaged power and cross spectra of the channels of records.
+//!
+//! How records are cut into segments, and the windows that these are multiplied with.
+//!
+//! How coefficients of one noise go together at frequencies that are closer than one cycle in the record.
+//!
+//! Of white noise of unit variance `E[x(w) x(v)*] = rho(w - v)/N` and `E[x(w) x(v)] = rho(w + v)/N` with the kernel of Dirichlet,
+//! `rho(d) = 1/N sum_k exp(-j d k dt)`: on the record's own grid each coefficient goes with itself alone, elsewhere neighbours repeat each other.
 
-use super::error::SpectrumError;
 use super::even_rows::EvenRows;
+use super::frequencies::SpectrumError;
 use super::frequencies::{Comb, Frequencies, MOST};
 use super::held_edges::HeldEdge;
-use super::segments::{Segmentation, Window};
 use super::spectrum::SpectrumOptions;
 use super::transform::Transform;
 use crate::record::Run;
+use fdm_grammar::math;
+use fdm_numeric::fourier::ComplexFft;
 use num_complex::Complex64;
 use std::f64::consts::TAU;
 
@@ -266,5 +274,346 @@ impl Average {
             density: self.density,
             power: self.power,
         })
+    }
+}
+
+/// Segments over which spectra are averaged, lengths and times in the records' unit of time.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Segmentation {
+    /// Of one length, every one beginning before the end of the one before by a part of its length; as many as fit.
+    Equal {
+        /// Length.
+        length: f64,
+        /// Part that is shared with the one before, from 0 to below 1.
+        overlap: f64,
+    },
+    /// From and to these times of every record that holds them, of any lengths.
+    Between(Vec<(f64, f64)>),
+}
+
+/// The segments of one record, in samples.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Cut {
+    /// First sample and length of each.
+    pub(super) segments: Vec<(usize, usize)>,
+    /// How many independent ones of the first one's length they are worth.
+    pub(super) independent: f64,
+}
+
+impl Segmentation {
+    /// The length of the longest segment.
+    pub(super) fn longest(&self) -> f64 {
+        match self {
+            Self::Equal { length, .. } => *length,
+            Self::Between(times) => times.iter().map(|(from, to)| to - from).fold(0.0, f64::max),
+        }
+    }
+
+    /// The segments of a record of `places` samples `dt` apart that begins at time `start`.
+    ///
+    /// # Errors
+    /// [`SpectrumError::NoOverlap`], [`SpectrumError::NoSegment`] for what is no segmentation.
+    pub(super) fn cut(&self, places: usize, dt: f64, start: f64, window: Window) -> Result<Cut, SpectrumError> {
+        match self {
+            Self::Equal { length, overlap } => {
+                if !(0.0..1.0).contains(overlap) {
+                    return Err(SpectrumError::NoOverlap(*overlap));
+                }
+                let samples = (length / dt).round();
+                if !(samples >= FEWEST && samples <= u32::MAX.into()) {
+                    return Err(SpectrumError::NoSegment { length: *length, least: FEWEST * dt });
+                }
+                let samples = samples as usize;
+                let shift = ((samples as f64 * (1.0 - overlap)).round() as usize).max(1);
+                let count = if places < samples { 0 } else { (places - samples) / shift + 1 };
+                let segments = (0..count).map(|k| (k * shift, samples)).collect();
+                Ok(Cut { segments, independent: window.independent(samples, shift, count) })
+            }
+            Self::Between(times) => {
+                let mut segments = Vec::new();
+                for (from, to) in times {
+                    let place = |t: f64| ((t - start) / dt).round();
+                    let (first, end) = (place(*from), place(*to));
+                    if (end - first).is_nan() || end - first < FEWEST {
+                        return Err(SpectrumError::NoSegment { length: to - from, least: FEWEST * dt });
+                    }
+                    if first >= 0.0 && end <= places as f64 {
+                        segments.push((first as usize, (end - first) as usize));
+                    }
+                }
+                // longer ones weigh more
+                let total = |power: i32| segments.iter().map(|s| (s.1 as f64).powi(power)).sum::<f64>();
+                let independent = if segments.is_empty() { 0.0 } else { total(1).powi(2) / total(2) };
+                Ok(Cut { segments, independent })
+            }
+        }
+    }
+}
+
+/// Fewest samples of a segment.
+const FEWEST: f64 = 8.0;
+
+/// Weights of the samples of a segment.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Window {
+    /// All alike: the best resolution, and power that leaks far.
+    Rectangular,
+    /// Raised cosine: power leaks to the next two resolved frequencies only.
+    #[default]
+    Hann,
+    /// Raised cosine on a small step.
+    Hamming,
+}
+
+impl Window {
+    /// The weights of `samples` samples, of a period of the window that many samples long.
+    pub fn weights(self, samples: usize) -> Vec<f64> {
+        let cosine = |k: usize| math::cos(TAU * (k as f64 + 0.5) / samples as f64);
+        let weight = |k: usize| match self {
+            Self::Rectangular => 1.0,
+            Self::Hann => 0.5 - 0.5 * cosine(k),
+            Self::Hamming => 0.54 - 0.46 * cosine(k),
+        };
+        (0..samples).map(weight).collect()
+    }
+
+    /// How many independent segments `count` overlapping ones are worth, each `shift` samples behind the one before
+    /// (Welch 1967).
+    pub fn independent(self, samples: usize, shift: usize, count: usize) -> f64 {
+        let weights = self.weights(samples);
+        let energy: f64 = weights.iter().map(|w| w * w).sum();
+        let mut shared = 1.0;
+        for lag in (1..count).take_while(|lag| lag * shift.max(1) < samples) {
+            let common: f64 = weights.iter().zip(&weights[lag * shift.max(1)..]).map(|(a, b)| a * b).sum();
+            shared += 2.0 * (1.0 - lag as f64 / count as f64) * (common / energy).powi(2);
+        }
+        count as f64 / shared
+    }
+}
+
+/// Largest |rho| between different frequencies that counts as none.
+const APART: f64 = 1e-6;
+/// Most frequencies at unequal distances.
+const MOST_UNEVEN: usize = 4096;
+
+/// How many independent frequencies these (M, rising, in radians per unit of time) are worth in a record of this duration: closer than one cycle
+/// in the record they repeat each other.
+pub fn independent(omega: &[f64], duration: f64) -> f64 {
+    let span = |pair: &[f64]| match (pair[1] - pair[0]) * duration / TAU {
+        // part of a cycle by which frequencies that are one cycle apart may miss it
+        apart if apart > 1.0 - 1e-6 => 1.0,
+        apart => apart,
+    };
+    omega.first().map_or(0.0, |_| 1.0) + omega.windows(2).map(span).sum::<f64>()
+}
+
+/// Sums over neighbouring frequencies, `sum_l rho(w_k - w_l) g_l + rho(w_k + w_l) g_l*`.
+#[derive(Debug)]
+pub struct Overlap {
+    omega: Vec<f64>,
+    samples: usize,
+    dt: f64,
+    kind: Kind,
+}
+
+#[derive(Debug)]
+enum Kind {
+    /// Nothing overlaps.
+    Apart,
+    /// Equal distances: both sums are convolutions.
+    Even(Box<Convolution>),
+    Uneven,
+}
+
+impl Overlap {
+    /// Frequencies (M, rising, in radians per unit of time) of a record of `samples` samples, `dt` apart. None where there are
+    /// more than 4096 of them at unequal distances.
+    pub fn new(omega: &[f64], samples: usize, dt: f64) -> Option<Self> {
+        let mut overlap = Self { omega: omega.to_vec(), samples, dt, kind: Kind::Uneven };
+        let Some((first, last)) = omega.first().zip(omega.last()) else {
+            overlap.kind = Kind::Apart;
+            return Some(overlap);
+        };
+        let step = (last - first) / (omega.len().max(2) - 1) as f64;
+        let even = omega.iter().enumerate().all(|(k, w)| (first + step * k as f64 - w).abs() <= 1e-9 * last);
+        let own = |w: f64| {
+            let cycles = w * samples as f64 * dt / TAU;
+            (cycles - cycles.round()).abs() <= APART && cycles.round() >= 1.0
+        };
+        if omega.iter().all(|w| own(*w)) {
+            overlap.kind = Kind::Apart;
+        } else if even {
+            overlap.kind = Kind::Even(Box::new(Convolution::new(omega.len(), |d, sum| {
+                overlap.kernel(step * d as f64 + if sum { 2.0 * first } else { 0.0 })
+            })));
+        } else if omega.len() > MOST_UNEVEN {
+            return None;
+        }
+        Some(overlap)
+    }
+
+    /// Whether every coefficient goes with itself alone.
+    pub fn is_none(&self) -> bool {
+        matches!(self.kind, Kind::Apart)
+    }
+
+    /// rho at a distance.
+    fn kernel(&self, distance: f64) -> Complex64 {
+        let (n, angle) = (self.samples as f64, 0.5 * distance * self.dt);
+        let below = n * angle.sin();
+        let size = if below.abs() < 1e-12 * n { (n * angle).cos() / angle.cos() } else { (n * angle).sin() / below };
+        Complex64::cis(-(n - 1.0) * angle) * size
+    }
+
+    /// The sums for one plane `g` (M), written to `out` (M).
+    pub fn gather(&mut self, g: &[Complex64], out: &mut [Complex64]) {
+        match &mut self.kind {
+            Kind::Apart => out.copy_from_slice(g),
+            Kind::Even(convolution) => convolution.apply(g, out),
+            Kind::Uneven => {
+                for (k, to) in out.iter_mut().enumerate() {
+                    let w = self.omega[k];
+                    let of = |(l, g): (usize, &Complex64)| {
+                        let v = self.omega[l];
+                        self.kernel(w - v) * g + self.kernel(w + v) * g.conj()
+                    };
+                    *to = g.iter().enumerate().map(of).sum();
+                }
+            }
+        }
+    }
+}
+
+/// Both sums by fast transforms.
+#[derive(Debug)]
+struct Convolution {
+    fft: ComplexFft,
+    /// Transforms of rho(w_k - w_l) by k - l, and of rho(w_k + w_l) by k + l.
+    difference: Vec<Complex64>,
+    sum: Vec<Complex64>,
+    memory: [Vec<Complex64>; 2],
+}
+
+impl Convolution {
+    /// `kernel(d, false)` is rho of d steps, `kernel(d, true)` of d steps more than twice the first frequency.
+    fn new(count: usize, kernel: impl Fn(i64, bool) -> Complex64) -> Self {
+        let length = (4 * count).next_power_of_two();
+        let mut fft = ComplexFft::new(length);
+        let (mut difference, mut sum) = (vec![Complex64::ZERO; length], vec![Complex64::ZERO; length]);
+        for d in 0..count as i64 {
+            difference[d as usize] = kernel(d, false);
+            difference[(length as i64 - d) as usize % length] = kernel(-d, false);
+        }
+        (0..2 * count - 1).for_each(|d| sum[d] = kernel(d as i64, true));
+        fft.forward(&mut difference);
+        fft.forward(&mut sum);
+        let scale = 1.0 / length as f64;
+        difference.iter_mut().chain(&mut sum).for_each(|v| *v *= scale);
+        let memory = [vec![Complex64::ZERO; length], vec![Complex64::ZERO; length]];
+        Self { fft, difference, sum, memory }
+    }
+
+    fn apply(&mut self, g: &[Complex64], out: &mut [Complex64]) {
+        let (count, length) = (g.len(), self.difference.len());
+        let [plain, mirrored] = &mut self.memory;
+        plain.fill(Complex64::ZERO);
+        mirrored.fill(Complex64::ZERO);
+        for (l, g) in g.iter().enumerate() {
+            plain[l] = *g;
+            // k + l = k - (-l)
+            mirrored[(length - l) % length] = g.conj();
+        }
+        self.fft.forward(plain);
+        self.fft.forward(mirrored);
+        plain.iter_mut().zip(mirrored).zip(&self.difference).zip(&self.sum).for_each(|(((p, m), d), s)| {
+            *p = *p * d + *m * s;
+        });
+        self.fft.backward(plain);
+        out.copy_from_slice(&plain[..count]);
+    }
+}
+
+#[cfg(test)]
+mod segments_tests {
+    use super::*;
+
+    #[test]
+    fn segments_fill_the_record() {
+        let half = Segmentation::Equal { length: 10.0, overlap: 0.5 };
+        let cut = half.cut(350, 0.1, 0.0, Window::Hann).expect("segments");
+        assert_eq!(cut.segments, [(0, 100), (50, 100), (100, 100), (150, 100), (200, 100), (250, 100)]);
+        assert!(cut.independent > 5.5 && cut.independent < 6.0);
+        assert!(half.cut(99, 0.1, 0.0, Window::Hann).expect("none").segments.is_empty());
+        let times = Segmentation::Between(vec![(5.0, 15.0), (20.0, 40.0), (90.0, 95.0)]);
+        let cut = times.cut(350, 0.1, 5.0, Window::Hann).expect("segments");
+        assert_eq!(cut.segments, [(0, 100), (150, 200)]);
+        assert!((cut.independent - 1.8).abs() < 1e-12);
+    }
+
+    #[test]
+    fn what_is_no_segment_is_told() {
+        let of = |length, overlap| Segmentation::Equal { length, overlap }.cut(100, 0.1, 0.0, Window::Hann);
+        assert!(of(5.0, 1.0).unwrap_err().to_string().contains("overlap by 1 "));
+        assert!(of(0.3, 0.5).unwrap_err().to_string().contains("0.3 long"));
+        assert!(of(f64::NAN, 0.5).is_err() && of(1e300, 0.5).is_err());
+        assert!(Segmentation::Between(vec![(3.0, 1.0)]).cut(100, 0.1, 0.0, Window::Hann).is_err());
+    }
+
+    #[test]
+    fn overlapping_segments_are_worth_less_than_separate_ones() {
+        assert_eq!(Window::Hann.independent(1000, 1000, 7), 7.0);
+        // half overlapped Hann windows share a sixth of their energy: 1/(1 + 2/36) of many
+        let half = Window::Hann.independent(1000, 500, 1001) / 1001.0;
+        assert!((half - 18.0 / 19.0).abs() < 1e-3, "{half}");
+        let plain = Window::Rectangular.independent(1000, 500, 1001) / 1001.0;
+        assert!((plain - 1.0 / 1.5).abs() < 1e-3, "{plain}");
+        // more overlap gives more segments, and no more information
+        let worth = |shift: usize| Window::Hann.independent(1000, shift, 20_000 / shift - 1000 / shift + 1);
+        assert!(worth(200) > worth(500) && worth(100) < 1.1 * worth(200));
+    }
+
+    #[test]
+    fn windows_are_symmetric_and_of_known_energy() {
+        for (window, energy) in [(Window::Rectangular, 1.0), (Window::Hann, 0.375), (Window::Hamming, 0.3974)] {
+            let weights = window.weights(64);
+            assert!((weights.iter().map(|w| w * w).sum::<f64>() / 64.0 - energy).abs() < 1e-12);
+            assert!((0..64).all(|k| (weights[k] - weights[63 - k]).abs() < 1e-15));
+        }
+    }
+}
+
+#[cfg(test)]
+mod overlap_tests {
+    use super::*;
+
+    fn directly(omega: &[f64], samples: usize, dt: f64, g: &[Complex64]) -> Vec<Complex64> {
+        let rho = |d: f64| {
+            let terms = (0..samples).map(|k| Complex64::cis(-d * k as f64 * dt));
+            terms.sum::<Complex64>() / samples as f64
+        };
+        let sum = |w: &f64| omega.iter().zip(g).map(|(v, g)| rho(w - v) * g + rho(w + v) * g.conj()).sum();
+        omega.iter().map(sum).collect()
+    }
+
+    #[test]
+    fn sums_are_those_of_the_definition() {
+        let (samples, dt) = (97, 0.13);
+        let own = TAU / (samples as f64 * dt);
+        let combs: [Vec<f64>; 4] = [
+            (1..20).map(|k| own * f64::from(k)).collect(),
+            (0..23).map(|k| 0.31 + 0.17 * f64::from(k)).collect(),
+            (0..9).map(|k| 0.5 + 0.3 * f64::from(k * k)).collect(),
+            vec![1.234],
+        ];
+        for omega in combs {
+            let g: Vec<Complex64> =
+                (0..omega.len()).map(|k| Complex64::new((k as f64).sin(), (1.7 * k as f64).cos())).collect();
+            let mut overlap = Overlap::new(&omega, samples, dt).expect("few frequencies");
+            let mut out = vec![Complex64::ZERO; g.len()];
+            overlap.gather(&g, &mut out);
+            for (got, want) in out.iter().zip(directly(&omega, samples, dt, &g)) {
+                assert!((got - want).norm() < 1e-11, "{got} {want}");
+            }
+        }
     }
 }

@@ -5,11 +5,9 @@
 )]
 
 use super::frequencies::Cycles;
-use fdm_numeric::lanes::{Simd, WithSimd, dispatch};
+use fdm_numeric::lanes::{Simd, VECTOR, WithSimd, dispatch};
 use num_complex::Complex64;
 
-/// Lanes to which rows of frequencies are padded: the widest register.
-const LANES: usize = 8;
 /// Turned blocks follow each other by multiplication this often before the exact phase is taken again.
 const SEED: usize = 16;
 
@@ -33,7 +31,7 @@ pub(super) struct DirectSum {
 impl DirectSum {
     /// Sample k is turned by `origin + k step` times the frequency.
     pub(super) fn new(samples: usize, origin: f64, step: f64, cycles: &[Cycles]) -> Self {
-        let width = cycles.len().next_multiple_of(LANES);
+        let width = cycles.len().next_multiple_of(VECTOR);
         // the table stays in the second-level cache
         let block = (32_768 / width).clamp(8, 128).min(samples.max(1));
         let seeds = samples.div_ceil(block * SEED);
@@ -51,7 +49,7 @@ impl DirectSum {
 
     /// What the sums of `channels` channels are worth, in multiply-adds of whole vectors in registers: these load as much as they compute.
     pub(super) fn cost(samples: usize, frequencies: usize, channels: usize) -> f64 {
-        4.5 * samples as f64 * frequencies.div_ceil(LANES) as f64 * channels as f64
+        4.5 * samples as f64 * frequencies.div_ceil(VECTOR) as f64 * channels as f64
     }
 
     /// The sums of the first `channels` numbers of rows of `stride` numbers: channels by frequencies.

@@ -1,9 +1,9 @@
 //! Frequency responses between the channels of records, with coherence and random errors.
 
 use super::cross_spectra::CrossSpectra;
-use super::error::SpectrumError;
+use super::cross_spectra::{Segmentation, Window};
 use super::frequencies::Frequencies;
-use super::segments::{Segmentation, Window};
+use super::frequencies::SpectrumError;
 use super::spectrum::SpectrumOptions;
 use crate::record::Run;
 use nalgebra::DMatrix;

@@ -3,13 +3,13 @@
 //! The sum over samples is the integral over the record by the midpoint rule. What a simulation integrates is not the samples but
 //! what lies between them, and that has an exact transform: the sum times a factor, and something for the two half intervals at the ends.
 
-use super::bridged::{Bridge, trust};
 use super::cross_spectra::NO_POWER;
-use super::error::{ChannelName, SpectrumError};
+use super::cross_spectra::independent;
 use super::even_rows::EvenRows;
+use super::even_rows::{Bridge, trust};
 use super::frequencies::Frequencies;
+use super::frequencies::{ChannelName, SpectrumError};
 use super::held_edges::{self, HeldEdge};
-use super::overlap::independent;
 use super::transform::Transform;
 use crate::record::Run;
 use num_complex::Complex64;

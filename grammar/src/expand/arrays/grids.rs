@@ -1,7 +1,7 @@
 //! Grids of tables: axes and values at their crossings as single expressions; `free` values as params of their own.
 
 use super::super::tables::MOST_TABLE_NODES;
-use super::shape::Dims;
+use super::declared::Dims;
 use super::value::{Evaluator, Val, dims_of};
 use super::writer::BROKEN;
 use crate::diagnostic::{Code, Diagnostic, nearest};

@@ -1,7 +1,7 @@
 //! Statements about vectors and matrices as statements about their elements.
 
 use super::declared::Array;
-use super::shape::{Dims, indexed};
+use super::declared::{Dims, indexed};
 use super::value::{Evaluator, Val, dims_of, shape_of, single};
 use super::writer::{BROKEN, Item};
 use crate::diagnostic::{Code, Diagnostic};

@@ -1,6 +1,6 @@
 //! What every expression of the text is worth: a number, a vector or a matrix of expressions.
 
-use super::shape::Dims;
+use super::declared::Dims;
 use super::writer::{BROKEN, Item, Place, Writer};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::source::Span;
@@ -16,9 +16,6 @@ pub(super) enum Val {
     /// A mistake that has been told.
     Broken,
 }
-
-/// Longest text of an expression that messages repeat, in bytes.
-const LONGEST_SHOWN: usize = 60;
 
 /// Functions of whole vectors and matrices.
 pub(super) const FUNCTIONS: [&str; 9] = ["dot", "cross", "transpose", "sum", "norm", "inverse", "det", "dcm", "rotate"];
@@ -60,7 +57,8 @@ impl<'a, 'w> Evaluator<'a, 'w> {
 
     /// How messages call an expression: as it is written, or by its side.
     pub(super) fn shown(&self, e: ExprRef, otherwise: &str) -> String {
-        if self.span(e).range().len() > LONGEST_SHOWN {
+        // longest text of an expression that messages repeat, in bytes
+        if self.span(e).range().len() > 60 {
             return otherwise.into();
         }
         format!("`{}`", Printer::new(self.tree).expression(e))

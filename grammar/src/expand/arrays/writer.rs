@@ -1,16 +1,13 @@
 //! The expressions of the flattened model, as they are made.
 
 use super::super::broken;
-use super::super::budget::Budget;
 use super::declared::Declared;
 use crate::diagnostic::Diagnostic;
+use crate::expand::Budget;
 use crate::source::Span;
 use crate::syntax::{
     BinarySign, Declaration, Expr, ExprRef, Name, Role, Statement, StatementKind, UnarySign, Value, operands,
 };
-
-/// Findings beyond this number are not told: nobody reads more.
-const MOST_FINDINGS: usize = 100;
 
 /// An element; `None` is 0 by structure.
 pub(super) type Item = Option<ExprRef>;
@@ -35,7 +32,8 @@ impl<'a> Writer<'a> {
     }
 
     pub(super) fn tell(&mut self, finding: Diagnostic) {
-        if self.findings.len() < MOST_FINDINGS {
+        // findings beyond this number are not told: nobody reads more
+        if self.findings.len() < 100 {
             self.findings.push(finding);
         }
     }

@@ -4,17 +4,16 @@
 //! once, however often it is used, so that its mistakes are told once and in its own words. **Never** reads files.
 //! **Start** at [`Submodels::inline`].
 
-mod connections;
 mod part;
 
-use super::budget::Budget;
+use super::Budget;
 use super::{files, library, tables};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::expand::reactions::reactions;
 use crate::source::{Source, Span};
 use crate::syntax::{Expr, Name, Role, StatementKind, SyntaxTree, Use, parse_used};
 use crate::unit::Unit;
-use connections::Connections;
+use part::Connections;
 use part::Part;
 use std::collections::HashMap;
 use std::rc::Rc;

@@ -2,7 +2,7 @@
 
 use super::{Build, Refusal, Rule, read, repeated, span, word};
 use crate::diagnostic::{Code, Diagnostic, nearest};
-use crate::syntax::effects::*;
+use crate::syntax::catalogue::*;
 use crate::syntax::expression::Builder;
 use crate::syntax::tree::*;
 use pest::iterators::{Pair, Pairs};

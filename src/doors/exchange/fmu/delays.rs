@@ -119,9 +119,6 @@ pub(super) struct Seen {
     pub(super) now: f64,
 }
 
-/// Kinks that were seen delayed more often are smooth enough for the control of the steps.
-const MOST_OFTEN: u8 = 2;
-
 impl Past {
     pub(super) fn new(layout: &Layout) -> Self {
         let kept = |of: &dyn Fn(&Signal) -> Option<u32>| {
@@ -189,7 +186,8 @@ impl Past {
     /// A step has ended where a kink is seen, delayed by one of these: the states bend there, and that will be seen delayed.
     pub(super) fn passed(&mut self, t: f64, tau: &[f64]) {
         let seen = self.kinks.iter().filter(|(kink, _)| tau.iter().any(|tau| kink + tau == t));
-        if let Some(often) = seen.map(|(_, often)| often + 1).min().filter(|often| *often <= MOST_OFTEN) {
+        // kinks that were seen delayed more often are smooth enough for the control of the steps
+        if let Some(often) = seen.map(|(_, often)| often + 1).min().filter(|often| *often <= 2) {
             self.add_kink(t, often);
         }
     }

@@ -1,7 +1,7 @@
 //! The file `modelDescription.xml`: variables with units and start values, and which depends on which.
 
-use super::archive::Contents;
 use super::instance::TOLERANCE;
+use super::resources::Contents;
 use super::variables::{Kind, Variable, Variables};
 use crate::Stamp;
 use crate::xml::lines;

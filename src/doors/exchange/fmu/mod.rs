@@ -4,7 +4,6 @@
 //! standard. It reads the model's text from `resources/` when an instance is made, and interprets it; no compiler is needed.
 //! Source: Functional Mock-up Interface 2.0.4 and 3.0.1, Modelica Association.
 
-mod archive;
 mod delays;
 mod description;
 mod instance;
@@ -15,10 +14,9 @@ mod tangent;
 mod tests;
 mod variables;
 
-pub(crate) use archive::library_path;
-pub use archive::{Contents, FmuError, write};
 pub(crate) use fdm_units::{DESCRIPTION, unpacked};
 pub use fdm_units::{Files, Version};
 pub use instance::{Events, Instance, Refused, Snapshot};
-pub use resources::{Resources, ResourcesError};
+pub(crate) use resources::library_path;
+pub use resources::{Contents, FmuError, Resources, ResourcesError, write};
 pub use variables::{Kind, Variable, Variables};

@@ -10,19 +10,9 @@ use super::instance::{Instance, Moving, Refused};
 use super::variables::Kind;
 use fdm_grammar::graph::Signal;
 use fdm_system::dynamics::{Dynamics, Point, Step};
-use fdm_system::simulate::{Scheme, SingleStep, rests, take_back};
+use fdm_system::simulate::{Scheme, SingleStep, rests, shortened, step_factor, take_back};
 use serde::{Deserialize, Serialize};
 
-/// Longest and shortest next step, as multiples of the last one.
-const GROWTH: f64 = 5.0;
-const SHRINKING: f64 = 0.2;
-const SAFETY: f64 = 0.9;
-/// A step that has no solution is cut to this part.
-const CUT: f64 = 0.25;
-/// Shortest step beside the time.
-const SHORTEST: f64 = 4.0 * f64::EPSILON;
-/// Differences below this part of a state's size are rounding.
-const ROUNDING: f64 = 4.0 * f64::EPSILON;
 /// Most attempts in a communication step.
 const MOST_STEPS: usize = 2_000_000;
 /// Explicit steps before implicit ones are tried; steps of a trial, of which the first find their length; and implicit steps before
@@ -31,8 +21,6 @@ const EXPLICIT: u32 = 50;
 const TRIAL: u32 = 8;
 const SETTLING: u32 = 4;
 const IMPLICIT: u32 = 400;
-/// Longest time between two trials, in steps.
-const MOST_WAIT: u32 = 1 << 20;
 
 /// How far the choice between the methods has come.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -95,7 +83,8 @@ impl Pace {
             Phase::Explicit if may_be_implicit && self.steps >= self.wait => Phase::TryImplicit,
             Phase::TryImplicit if self.steps >= TRIAL && rate > self.other => Phase::Implicit,
             Phase::TryImplicit if self.steps >= TRIAL => {
-                self.wait = (2 * self.wait).min(MOST_WAIT);
+                // longest time between two trials, in steps
+                self.wait = (2 * self.wait).min(1 << 20);
                 Phase::Explicit
             }
             Phase::Implicit if self.steps >= IMPLICIT => Phase::TryExplicit,
@@ -312,9 +301,10 @@ impl Solver {
                 Err(Lost::Unsolved) => f64::INFINITY,
             };
             if error > tolerance {
-                let shorter = if error.is_finite() { factor(scheme, tolerance, error).min(0.8) } else { CUT };
+                let shorter = shortened(scheme, tolerance, error.is_finite().then_some(error));
                 pace.wanted = h * shorter;
-                if pace.wanted <= SHORTEST * t.abs().max(piece.to.abs()) {
+                // shortest step beside the time
+                if pace.wanted <= (4.0 * f64::EPSILON) * t.abs().max(piece.to.abs()) {
                     let lost = self.coarse.iter().position(|x| !x.is_finite()).filter(|_| error.is_infinite());
                     crossed = Err(match lost {
                         Some(k) => Refused::Diverged { name: instance.name(Kind::State(k)), time: t },
@@ -323,7 +313,7 @@ impl Solver {
                 }
                 continue;
             }
-            let longer = h * factor(scheme, tolerance, error);
+            let longer = h * step_factor(scheme, tolerance, error);
             // a step that was cut by a stop says nothing against longer ones
             pace.wanted = if h < pace.wanted { pace.wanted.max(longer) } else { longer };
             if delays_states {
@@ -389,7 +379,8 @@ impl Solver {
         for ((coarse, fine), size) in self.coarse.iter().zip(&mut self.fine).zip(sizes) {
             let size = size.max(fine.abs()).max(f64::MIN_POSITIVE);
             let difference = *fine - coarse;
-            let error = (difference.abs() - ROUNDING * size).max(0.0) / halving / size;
+            // differences below this part of a state's size are rounding
+            let error = (difference.abs() - (4.0 * f64::EPSILON) * size).max(0.0) / halving / size;
             worst = if error > worst || error.is_nan() { error } else { worst };
             // Richardson's extrapolation; of the implicit method's result it would give up the damping
             if scheme == Scheme::RungeKutta {
@@ -483,9 +474,4 @@ fn reached(t: f64, stop: f64, wanted: f64) -> (f64, f64) {
         let h = if 2.0 * wanted >= rest { 0.5 * rest } else { wanted };
         (t + h, h)
     }
-}
-
-fn factor(scheme: Scheme, tolerance: f64, error: f64) -> f64 {
-    let exponent = 1.0 / f64::from(scheme.order() + 1);
-    (SAFETY * (tolerance / error.max(f64::MIN_POSITIVE)).powf(exponent)).clamp(SHRINKING, GROWTH)
 }

@@ -2,8 +2,8 @@
 
 #![allow(unsafe_code, reason = "what was compiled is loaded into this process")]
 
-use super::error::VerifyError;
-use super::site::{Numbers, Site};
+use super::VerifyError;
+use super::{Numbers, Site};
 use crate::fmu::Files;
 use fdm_grammar::emit::c_name;
 use fdm_system::Model;

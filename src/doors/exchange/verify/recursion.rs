@@ -2,9 +2,9 @@
 
 #![allow(unsafe_code, reason = "what was compiled is loaded into this process")]
 
+use super::VerifyError;
 use super::compiled::{c_library, prefix_of};
-use super::error::VerifyError;
-use super::site::{Noise, Numbers};
+use super::{Noise, Numbers};
 use crate::fmu::Files;
 use fdm_estimate::equation_error::{ParameterGroup, RecursiveConstants, RecursiveEstimator};
 use fdm_system::Model;
@@ -17,8 +17,6 @@ type Call = unsafe extern "C" fn(i32, *const f64, *mut f64) -> i32;
 type Ask<'a> = dyn Fn(i32, &[f64], &mut [f64]) -> i32 + 'a;
 
 const CALL: &str = "fdm_verified_recursion";
-/// Samples of the record.
-const SAMPLES: usize = 300;
 
 const VALUES: &str = "estimates";
 const ERRORS: &str = "standard errors";
@@ -139,7 +137,8 @@ fn record(model: &Model, estimator: &RecursiveEstimator) -> Run {
         stated: Vec::new(),
         output_gaps: vec![0; q],
     };
-    for _ in 0..SAMPLES {
+    // samples of the record
+    for _ in 0..300 {
         run.time.push(t);
         run.inputs.extend(&u);
         run.measured.extend(&y);

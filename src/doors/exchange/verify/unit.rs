@@ -2,8 +2,8 @@
 
 #![allow(unsafe_code, reason = "the functions of the standard take pointers")]
 
-use super::error::VerifyError;
-use super::site::{Numbers, Site};
+use super::VerifyError;
+use super::{Numbers, Site};
 use crate::Stamp;
 use crate::fmu::{Kind, Variables, Version, library_path};
 use fdm_grammar::graph::Signal;

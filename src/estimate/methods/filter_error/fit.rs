@@ -1,14 +1,15 @@
 //! A fit by the filter-error method: start values, steps, the minimum, a second look at the steps, errors.
+//!
+//! Why a filter cannot be run over a model.
 
-use super::error::FilterError;
 use super::likelihood::{Deviation, Lost, Setting};
 use super::scoring::{Found, minimise};
-use crate::estimation::estimate::{Estimate, ParameterEstimate, RunFit, Symmetric, matches};
+use crate::estimation::{Estimate, ParameterEstimate, RunFit, Symmetric, matches};
 use crate::examined::interpolation::uncompared;
-use crate::methods::combinations::ignored;
+use crate::methods::ignored;
 use crate::methods::output_error::error::FitError;
 use crate::methods::output_error::fit::Fit;
-use crate::methods::output_error::integration_fault::IntegrationFault;
+use crate::methods::output_error::fit::IntegrationFault;
 use crate::methods::output_error::noise_model::{refused, without_output_noise};
 use crate::methods::output_error::options::FitOptions;
 use crate::methods::output_error::single::{changed, starts};
@@ -18,13 +19,14 @@ use crate::residuals::run_quality;
 use crate::uncertainty::cramer_rao::CramerRao;
 use crate::uncertainty::parameters::Statistics;
 use crate::uncertainty::sandwich::Uncorrected;
+use crate::work::Budget;
+use crate::work::Termination;
 use crate::work::Work;
-use crate::work::budget::Budget;
-use crate::work::termination::Termination;
 use fdm_numeric::quadratic::Inverse;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::{Accuracy, Scheme, Steps, UNSOUND, WorstError};
+use std::fmt;
 
 /// Estimates by the filter-error method.
 #[derive(Debug, Clone)]
@@ -39,10 +41,6 @@ pub struct FilterFit {
 
 /// Changes of the likelihood's logarithm by halved steps that are of no consequence to any estimate.
 const FINE: f64 = 1e-4;
-/// Most steps between samples.
-const MOST: usize = 256;
-/// Looks at the steps.
-const ROUNDS: usize = 3;
 /// Information about the logarithm of an intensity below which the record does not notice it.
 const SILENT: f64 = 0.05;
 
@@ -89,7 +87,8 @@ pub fn fit_filter(
         history.append(&mut found.history);
         values.clone_from(&found.values);
         let stopped = work.stop_after(&found.termination).is_some() || options.per_interval.is_some();
-        if !stopped && round < ROUNDS {
+        // looks at the steps
+        if !stopped && round < 3 {
             let finer = chosen(&setting, &values, steps.first().map_or(1, Steps::most))?;
             if finer != steps {
                 steps = finer;
@@ -109,7 +108,8 @@ fn chosen(setting: &Setting<'_>, values: &[f64], least: usize) -> Result<Vec<Ste
         Ok(setting.likelihood(&equal(count))?.evaluate(values, false).unwrap_or(f64::NAN))
     };
     let (mut count, mut before) = (least.max(1), cost(least.max(1))?);
-    while count < MOST {
+    // most steps between samples
+    while count < 256 {
         let after = cost(2 * count)?;
         if (after - before).abs() < FINE {
             break;
@@ -337,4 +337,86 @@ fn nothing(model: &Model, setting: &mut Setting<'_>, values: &[f64], lost: Lost)
     };
     let (estimate, deviations) = apart(setting, estimate);
     FilterFit { fit: Fit::new(model.clone(), estimate, Vec::new()), deviations, not_identifiable: Vec::new() }
+}
+
+/// Why nothing was estimated.
+#[derive(Debug, Clone, PartialEq)]
+pub enum FilterError {
+    /// As for any fit.
+    Fit(FitError),
+    /// No equation carries noise: the filter would never correct a state.
+    NoProcessNoise,
+    /// The past of a state would have to be part of what is filtered.
+    DelayedState {
+        /// Name of the state.
+        state: String,
+    },
+    /// The covariance of the measurement noise is diagonal.
+    FullNoise,
+    /// The smoothness of tables is chosen by output error alone.
+    SmoothTable {
+        /// Name of the table.
+        table: String,
+    },
+    /// A filter knows of no states that stop.
+    Limit {
+        /// Name of the state.
+        state: String,
+    },
+    /// A filter knows of no events.
+    Events,
+    /// An intensity moves by parts of itself, and 0 has none.
+    StartsAtZero {
+        /// Name of the parameter.
+        parameter: String,
+    },
+}
+
+impl fmt::Display for FilterError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Fit(e) => write!(f, "{e}"),
+            Self::NoProcessNoise => write!(
+                f,
+                "the model says nowhere that noise enters its equations: `param q = 0.1; noise der(x) = q;` lets white noise of intensity q \
+                 into the equation of x and estimates q; without such noise `--method output-error` is the right one"
+            ),
+            Self::DelayedState { state } => write!(
+                f,
+                "the state `{state}` is delayed: its past would have to be filtered too; delay the measurement in the record, or \
+                 put `measured(.)` in its place (delayed inputs are no obstacle)"
+            ),
+            Self::FullNoise => write!(
+                f,
+                "--noise full has no part in the filter-error method: the noise of the outputs is independent there, and what they have \
+                 in common is noise of the equations"
+            ),
+            Self::SmoothTable { table } => write!(
+                f,
+                "`smooth {table}` has no part in the filter-error method; fit it with `--method output-error`, fix its nodes at what was found, \
+                 and leave the statement out"
+            ),
+            Self::Limit { state } => write!(
+                f,
+                "the state `{state}` has a limit, which the filter-error method does not know; fit with `--method output-error`, or \
+                 write `limit {state} in [...] smooth ...;`"
+            ),
+            Self::Events => f.write_str(
+                "the model has events (`when`), which the filter-error method does not know; fit with `--method output-error`",
+            ),
+            Self::StartsAtZero { parameter } => write!(
+                f,
+                "`{parameter}` is the intensity of a noise and starts at 0, from where no way leads up; start it above 0 \
+                 (`--set {parameter}=...`), or fix it"
+            ),
+        }
+    }
+}
+
+impl std::error::Error for FilterError {}
+
+impl From<FitError> for FilterError {
+    fn from(error: FitError) -> Self {
+        Self::Fit(error)
+    }
 }

@@ -1,14 +1,14 @@
 //! The likelihood of all runs' innovations at one vector of unknowns: parameters, intensities of process noise, and deviations of
 //! measurement noise; and from a model and runs to what is filtered.
 
-use super::error::FilterError;
+use super::fit::FilterError;
 use super::jacobians::Programs;
 use super::kalman::{Kalman, Score};
 use crate::iteration::priors::Priors;
 use crate::methods::output_error::error::FitError;
-use crate::problem::derived::DerivedQuantities;
 use crate::problem::noise::Noise;
 use crate::problem::response::RunResponse;
+use crate::problem::unknowns::DerivedQuantities;
 use crate::problem::unknowns::Unknowns;
 use crate::problem::{Options, Problem, ProblemRun};
 use fdm_grammar::graph::Signal;
@@ -133,13 +133,11 @@ pub(super) struct Coordinates {
     pub(super) upper: Vec<f64>,
 }
 
-/// Least part of its start value that an unknown in logarithms goes down to.
-const LEAST: f64 = 1e-12;
-
 impl Coordinates {
     pub(super) fn new(logarithmic: Vec<bool>, lower: &[f64], upper: &[f64], start: &[f64]) -> Self {
         let bound = |j: usize, bound: f64| match logarithmic[j] {
-            true => bound.max(LEAST * start[j]).ln(),
+            // least part of its start value that an unknown in logarithms goes down to
+            true => bound.max(1e-12 * start[j]).ln(),
             false => bound,
         };
         let lower = lower.iter().enumerate().map(|(j, b)| bound(j, *b)).collect();

@@ -5,9 +5,7 @@
 //! **Start** at [`fit_filter()`]: `jacobians` (as outputs of a model, with their derivatives along the way) -> `kalman` (one run, the
 //! likelihood and its gradient) -> `likelihood` (all runs) -> `scoring` (the minimum) -> `fit`.
 
-mod error;
 mod fit;
-mod gradient_memory;
 mod jacobians;
 mod kalman;
 mod likelihood;
@@ -15,5 +13,4 @@ mod scoring;
 #[cfg(test)]
 mod tests;
 
-pub use error::FilterError;
-pub use fit::{FilterFit, fit_filter};
+pub use fit::{FilterError, FilterFit, fit_filter};

@@ -1,8 +1,8 @@
 //! Weights of smooth tables by validation: how well fits of some runs predict the others.
 
-use super::attempt::{Attempt, after};
 use super::error::FitError;
 use super::options::FitOptions;
+use super::options::{Attempt, after};
 use super::single::single_fit;
 use crate::problem::Options;
 use crate::problem::method::SmoothBy;
@@ -12,8 +12,6 @@ use fdm_system::simulate::Simulator;
 
 /// Decimal logarithms of the factors on the likeliest weights that are compared.
 const FACTORS: [f64; 9] = [-2.0, -1.5, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0];
-/// Parts into which the runs are cut, at most.
-const MOST_PARTS: usize = 5;
 
 /// The likeliest weights times the factor with which fits predict left-out runs best. Their initial states and biases are
 /// those of the fit of all runs. None where no table is smooth or there is no fit; what is wrong then, the fit itself tells.
@@ -30,7 +28,8 @@ pub(crate) fn weights_by_validation(attempt: &Attempt<'_>) -> Result<Option<Vec<
     let likeliest: Vec<f64> = all.estimate.smoothing.iter().flat_map(|s| s.weights.iter().copied()).collect();
     let Some(noise) = all.estimate.noise.as_ref().filter(|_| !likeliest.is_empty()) else { return Ok(None) };
     let known = attempt.reached(&all.estimate);
-    let parts = runs.len().min(MOST_PARTS);
+    // parts into which the runs are cut, at most
+    let parts = runs.len().min(5);
     let mut best = (f64::INFINITY, likeliest.clone());
     for factor in FACTORS.map(|power| 10f64.powf(power)) {
         let weights: Vec<f64> = likeliest.iter().map(|w| w * factor).collect();

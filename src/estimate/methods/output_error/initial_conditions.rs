@@ -1,7 +1,7 @@
 //! What is a run's own (free initial values, biases) from its first samples, and what a model predicts from there: nothing of the rest
 //! of the record enters but the inputs.
 
-use crate::methods::output_error::attempt::{Attempt, after};
+use super::options::{Attempt, after};
 use crate::methods::output_error::error::{FitError, StrategyError};
 use crate::methods::output_error::fit::Fit;
 use crate::methods::output_error::options::FitOptions;

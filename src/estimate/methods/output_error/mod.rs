@@ -2,13 +2,10 @@
 //!
 //! **In** a model, runs, start values, options. **Out** a [`fit::Fit`]. **Start** at [`single`].
 
-pub(crate) mod attempt;
 pub(crate) mod cross_validation;
-pub(crate) mod defect;
 pub(crate) mod error;
 pub(crate) mod fit;
 pub(crate) mod initial_conditions;
-pub(crate) mod integration_fault;
 pub(crate) mod loss;
 pub(crate) mod noise_model;
 pub(crate) mod options;

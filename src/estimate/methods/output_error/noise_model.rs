@@ -1,19 +1,19 @@
 //! A fit in which the noise of outputs is an expression (`noise y = 0.02 + 0.1*abs(y);`): the likelihood of everything, its parameters among them, from the
 //! estimates of a fit whose noise is of one size.
 
-use super::attempt::{Attempt, after, suited};
 use super::error::{FitError, StrategyError};
 use super::fit::{Fit, NoiseOfSamples};
 use super::options::FitOptions;
+use super::options::{Attempt, after, suited};
 use super::single::chosen_steps;
 use super::standardised::Standardised;
-use crate::estimation::estimate::{Estimate, RunFit, Symmetric};
 use crate::estimation::solve::estimate;
-use crate::problem::degenerate::{Degeneracy, passes_zero, tells_no_variance};
-use crate::problem::derived::DerivedQuantities;
+use crate::estimation::{Estimate, RunFit, Symmetric};
 use crate::problem::method::{Domain, Method};
 use crate::problem::noise::Noise;
+use crate::problem::noise::{Degeneracy, passes_zero, tells_no_variance};
 use crate::problem::response::RunResponse;
+use crate::problem::unknowns::DerivedQuantities;
 use crate::problem::{Options, Problem, ProblemRun};
 use crate::residuals::noise_variation::{OutputSeries, test};
 use crate::residuals::{OutputFit, residuals};

@@ -1,12 +1,12 @@
 //! The residuals of all runs as one vector with its exact Jacobian, for optimisers and samplers other than those of this package.
 
-use crate::methods::output_error::attempt::{Attempt, suited};
+use super::options::{Attempt, suited};
 use crate::methods::output_error::error::FitError;
 use crate::methods::output_error::options::FitOptions;
 use crate::methods::output_error::single::{chosen_steps, starts};
-use crate::problem::changes::Changes;
-use crate::problem::derived::DerivedQuantities;
 use crate::problem::response::RunResponse;
+use crate::problem::unknowns::Changes;
+use crate::problem::unknowns::DerivedQuantities;
 use crate::problem::unknowns::{UnknownName, Unknowns};
 use crate::problem::{Problem, ProblemRun};
 use crate::work::Work;

@@ -5,16 +5,16 @@
 //! 7.6). So each round is a fit of squares to pseudo-values, and the last one has errors that hold whatever the law of the noise, its colour corrected for.
 //! While the rounds move far, c is the steepest slope: then no round leads uphill.
 
-use super::attempt::Attempt;
 use super::error::{FitError, StrategyError};
 use super::fit::Fit;
 use super::loss::Loss;
+use super::options::Attempt;
 use super::options::FitOptions;
-use crate::estimation::estimate::{Estimate, ParameterEstimate, RunFit, matches};
 use crate::estimation::solve::estimate;
+use crate::estimation::{Estimate, ParameterEstimate, RunFit, matches};
 use crate::problem::noise::Noise;
 use crate::problem::{Options, Problem};
-use crate::work::termination::Termination;
+use crate::work::Termination;
 use fdm_system::record::Run;
 use fdm_system::simulate::Steps;
 use std::f64::consts::TAU;

@@ -2,15 +2,15 @@
 //!
 //! Start values are all parameters of each run, from the model, the data, or an estimate before.
 
-use super::attempt::{Attempt, after};
-use crate::estimation::estimate::{Estimate, RunFit};
+use super::fit::{IntegrationFault, is_moving};
+use super::options::{Attempt, after};
 use crate::estimation::solve::estimate;
+use crate::estimation::{Estimate, RunFit};
 use crate::methods::output_error::error::FitError;
 use crate::methods::output_error::fit::Fit;
-use crate::methods::output_error::integration_fault::{IntegrationFault, is_moving};
 use crate::problem::Problem;
-use crate::problem::changes::Changes;
 use crate::problem::initial::initial_guess;
+use crate::problem::unknowns::Changes;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::{

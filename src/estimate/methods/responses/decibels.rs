@@ -5,7 +5,7 @@
 
 use super::measured::{Measured, cycles};
 use crate::methods::spectra::Unanswered;
-use crate::methods::spectra::response::{Reason, failed};
+use crate::methods::spectra::bins::{Reason, failed};
 use crate::problem::response::{KnownNoise, KnownNoiseResponse, Response};
 use fdm_numeric::lanes::Aligned;
 use fdm_system::frequency::{EndTerms, FrequencyResponse, Plans};

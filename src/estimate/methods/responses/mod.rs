@@ -7,12 +7,11 @@
 
 mod decibels;
 mod fit;
-mod histories;
 mod measured;
 mod options;
 #[cfg(test)]
 mod tests;
 
 pub use fit::{PairFit, ResponseFit, Sensitivity, fit_responses};
-pub use histories::responses_of_fit;
+pub use measured::responses_of_fit;
 pub use options::{ResponseError, ResponseOptions};

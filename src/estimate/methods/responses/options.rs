@@ -1,7 +1,7 @@
 //! What may be chosen about a fit of frequency responses, and why there is none.
 
 use crate::methods::spectra::SpectralError;
-use crate::problem::changes::Changes;
+use crate::problem::unknowns::Changes;
 use crate::problem::{Options, ProblemError};
 use fdm_system::spectrum::{Frequencies, SpectrumError};
 use serde::Serialize;

@@ -2,7 +2,7 @@
 
 use crate::methods::output_error::error::{FitError, StrategyError};
 use crate::problem::ProblemError;
-use crate::problem::changes::ChangeError;
+use crate::problem::unknowns::ChangeError;
 use fdm_grammar::carried::NotCarried;
 use fdm_grammar::graph::Signal;
 use fdm_grammar::model::Model;

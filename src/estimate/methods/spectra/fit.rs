@@ -1,26 +1,26 @@
 //! The road of a fit in the frequency domain.
 
 use super::error::{SpectralError, Unanswered};
+use super::initial_conditions::{FinishInTime, LastFinish};
+use super::initial_conditions::{UnobservableMode, longest, unobservable_modes};
 use super::initial_conditions::{found_later, in_time, values_of};
-use super::noise_in_time::{FinishInTime, LastFinish};
 use super::options::SpectralOptions;
 use super::regressor_noise::SimulatedNoise;
 use super::setting::{Setting, band, weight};
-use super::starting_values::{StartingValue, regressed_values};
-use super::unobservable_modes::{UnobservableMode, longest, unobservable_modes};
-use crate::estimation::estimate::{Estimate, ParameterEstimate};
+use super::setting::{StartingValue, regressed_values};
+use crate::estimation::smoothness::add_tables;
 use crate::estimation::solve::estimate;
-use crate::estimation::table_nodes::add_tables;
-use crate::methods::output_error::attempt::after;
+use crate::estimation::{Estimate, ParameterEstimate};
 use crate::methods::output_error::error::{FitError, StrategyError};
 use crate::methods::output_error::fit::Fit;
 use crate::methods::output_error::noise_model::{refused, without_output_noise};
+use crate::methods::output_error::options::after;
 use crate::methods::output_error::single::{changed, starts};
 use crate::problem::Options;
 use crate::problem::method::{Domain, Method, SmoothBy};
 use crate::problem::noise::Noise;
+use crate::work::Budget;
 use crate::work::Work;
-use crate::work::budget::Budget;
 use fdm_grammar::carried::CarriedTerm;
 use fdm_system::linear::Trim;
 use fdm_system::model::Model;
@@ -30,9 +30,6 @@ use fdm_system::spectrum::{Bridge, Frequencies, Spectrum};
 use nalgebra::DMatrix;
 use num_complex::Complex64;
 use std::sync::PoisonError;
-
-/// Steps of the simulation that says which nodes of tables were visited.
-const STEPS_OF_TABLES: usize = 2;
 
 /// Measured and modelled spectra of one run.
 #[derive(Debug, Clone, PartialEq)]
@@ -192,7 +189,8 @@ pub fn fit_spectra(
         }
     }
     let seen = fit.finish.as_ref().map(|finish| after(&fit.model, runs, &finish.estimate, &theta));
-    let steps = vec![Steps::equal(Scheme::default(), STEPS_OF_TABLES); runs.len()];
+    // steps of the simulation that says which nodes of tables were visited
+    let steps = vec![Steps::equal(Scheme::default(), 2); runs.len()];
     add_tables(&mut fit.estimate, &fit.model, runs, seen.as_ref().unwrap_or(&theta), &steps);
     Ok(fit)
 }
@@ -279,7 +277,7 @@ impl Setting {
 /// Measured and modelled spectra at the estimates.
 fn compared(setting: &Setting, estimate: &Estimate) -> Vec<RunSpectrum> {
     let q = setting.linear.structure().outputs;
-    let one = |(r, result): (usize, &crate::estimation::estimate::RunFit)| {
+    let one = |(r, result): (usize, &crate::estimation::RunFit)| {
         let spectrum = &setting.spectra[r];
         let (count, factor) = (spectrum.omega.len(), 1.0 / weight(&setting.spectra, r));
         let at = |o: usize, k: usize| {

@@ -1,17 +1,26 @@
 //! What the frequency domain does not determine, found in the time domain afterwards: initial states and biases of each run, with the rest held.
+//!
+//! Unstable modes that the frequency domain cannot see: what no output shows or no input moves is in no response, and grows all the same.
+//!
+//! The noise behind spectra, in time: what the responses leave with initial states and biases of their own, and whether that is everywhere
+//! of one size.
 
-use crate::estimation::estimate::{Estimate, ParameterEstimate};
+use crate::estimation::{Estimate, ParameterEstimate};
 use crate::methods::output_error::error::FitError;
 use crate::methods::output_error::fit::Fit;
 use crate::methods::output_error::options::FitOptions;
 use crate::methods::time_domain::fit;
-use crate::problem::Options;
+use crate::problem::{NoiseInTime, NoiseSizes, Options};
+use crate::residuals::noise_variation::{OutputSeries, profile, range, test};
 use crate::work::Work;
 use fdm_grammar::graph::{Graph, Leaf};
 use fdm_grammar::model::{Origin, Param, Quantity};
 use fdm_grammar::op::{Build, ExprId, Op};
+use fdm_system::linear::{LinearModel, Modes, Values};
 use fdm_system::model::Model;
 use fdm_system::record::Run;
+use num_complex::Complex64;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// The values of all parameters of a model at an estimate; what belongs to a run may be known of another one only.
 pub(crate) fn values_of(model: &Model, found: &Estimate) -> Vec<f64> {
@@ -133,6 +142,103 @@ fn of_each_run(quantity: Quantity, origin: Origin, value: f64) -> Param {
         group: None,
         logarithmic: false,
         prior: None,
+    }
+}
+
+/// An unstable mode that is in no frequency response.
+#[derive(Debug, Clone, PartialEq)]
+pub struct UnobservableMode {
+    /// The eigenvalue, in rad per unit of time.
+    pub s: Complex64,
+    /// Indices of the states that dominate it.
+    pub states: Vec<usize>,
+    /// Whether an output shows it.
+    pub observable: bool,
+    /// Whether an input moves it.
+    pub controllable: bool,
+}
+
+/// The unstable modes without part in any response that grow e-fold within `duration`; one of a pair.
+pub(crate) fn unobservable_modes(linear: &LinearModel, theta: &[f64], duration: f64) -> Vec<UnobservableMode> {
+    let (mut linear, mut values) = (linear.clone(), Values::default());
+    if theta.is_empty() || linear.evaluate(theta, &mut values).is_err() {
+        return Vec::new();
+    }
+    let Ok(modes) = Modes::new(linear.structure(), &values) else { return Vec::new() };
+    let unobservable = modes.modes.iter().filter(|m| m.s.re * duration > 1.0 && m.s.im >= 0.0 && !(m.shown && m.moved));
+    let of = |m: &fdm_system::linear::Mode| UnobservableMode {
+        s: m.s,
+        states: m.dominant().collect(),
+        observable: m.shown,
+        controllable: m.moved,
+    };
+    unobservable.map(of).collect()
+}
+
+/// Length of the longest run.
+pub(crate) fn longest(runs: &[Run]) -> f64 {
+    let duration = |run: &Run| run.time.last().zip(run.time.first()).map_or(0.0, |(last, first)| last - first);
+    runs.iter().map(duration).fold(0.0, f64::max)
+}
+
+/// Values of all parameters, and the fit in time with these held.
+type Finish = (Vec<f64>, Result<Fit, FitError>);
+
+/// The last fit in time, for whoever needs it behind the estimation.
+#[derive(Clone, Default)]
+pub(super) struct LastFinish(Arc<Mutex<Option<Finish>>>);
+
+impl LastFinish {
+    /// The fit in time at these values, where it has been made.
+    pub(super) fn at(&self, values: &[f64]) -> Option<Result<Fit, FitError>> {
+        let last = self.0.lock().unwrap_or_else(PoisonError::into_inner).take();
+        last.filter(|(at, _)| at == values).map(|(_, found)| found)
+    }
+}
+
+/// Fits in time what spectra do not show.
+pub(super) struct FinishInTime<'a> {
+    pub(super) model: &'a Model,
+    pub(super) runs: &'a [Run],
+    /// Parameters that the frequency domain does not see.
+    pub(super) unseen: Vec<String>,
+    pub(super) last: LastFinish,
+    pub(super) work: &'a Work<'a>,
+}
+
+impl NoiseInTime for FinishInTime<'_> {
+    fn sizes(&self, theta: &[Vec<f64>]) -> Option<NoiseSizes> {
+        let values = &theta.first()?[..self.model.layout().params];
+        let found = in_time(self.model, values, &self.unseen, self.runs, self.work);
+        let sizes = found.as_ref().ok().and_then(|fit| self.judged(fit));
+        *self.last.0.lock().unwrap_or_else(PoisonError::into_inner) = Some((values.to_vec(), found));
+        sizes
+    }
+}
+
+impl FinishInTime<'_> {
+    fn judged(&self, fit: &Fit) -> Option<NoiseSizes> {
+        if !fit.estimate.termination.is_good() || fit.estimate.runs.len() != self.runs.len() {
+            return None;
+        }
+        let outputs = &self.model.definition().outputs;
+        let q = outputs.len();
+        let of = |o: usize| -> Vec<OutputSeries> {
+            let runs = self.runs.iter().zip(&fit.estimate.runs);
+            runs.map(|(run, own)| OutputSeries::of_run(&run.time, &own.response, &own.residuals, (o, q))).collect()
+        };
+        let series: Vec<_> = outputs.iter().enumerate().map(|(o, out)| (out.quantity.name.clone(), of(o))).collect();
+        let mut variation = test(&series);
+        let one = |run: &OutputSeries| vec![1.0; run.residuals.len()];
+        let mut shapes: Vec<Vec<Vec<f64>>> =
+            (0..self.runs.len()).map(|r| series.iter().map(|(_, runs)| one(&runs[r])).collect()).collect();
+        for v in variation.iter_mut().filter(|v| v.is_significant()) {
+            let Some(o) = series.iter().position(|(name, _)| *name == v.output) else { continue };
+            let shape = profile(v, &series[o].1);
+            v.deviations = range(v.deviations[0], &series[o].1, &shape);
+            shapes.iter_mut().zip(shape).for_each(|(to, shape)| to[o] = shape);
+        }
+        Some(NoiseSizes { variation, shapes })
     }
 }
 

@@ -7,27 +7,21 @@
 //! are one code: R of the samples is half of S. `setting` (model, spectra, end-point corrections) -> `starting_values` (from equation error) -> `response` ->
 //! the estimation -> `initial_conditions` (initial states and biases in the time domain).
 
-mod bins;
+pub(crate) mod bins;
 #[cfg(test)]
 mod bins_tests;
 mod error;
 mod fit;
 pub(crate) mod initial_conditions;
-mod intersample;
-mod noise_in_time;
 mod options;
 mod regressor_noise;
-pub(crate) mod response;
 pub(crate) mod setting;
-pub(crate) mod starting_values;
 #[cfg(test)]
 mod tests;
-pub(crate) mod unobservable_modes;
 
 pub use bins::{BinResponse, SpectralBins};
 pub use error::{SpectralError, Unanswered};
 pub use fit::{RunSpectrum, SpectralFit, fit_spectra};
-pub use initial_conditions::with_initials;
+pub use initial_conditions::{UnobservableMode, with_initials};
 pub use options::{Nonlinear, SpectralOptions};
-pub use starting_values::StartingValue;
-pub use unobservable_modes::UnobservableMode;
+pub use setting::StartingValue;

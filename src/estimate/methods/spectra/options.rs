@@ -1,7 +1,7 @@
 //! What a user may choose about a fit in the frequency domain.
 
 use crate::problem::Options;
-use crate::problem::changes::Changes;
+use crate::problem::unknowns::Changes;
 use fdm_system::frequency::EndTerms;
 use fdm_system::spectrum::Frequencies;
 use serde::Serialize;

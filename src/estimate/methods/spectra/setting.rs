@@ -2,16 +2,20 @@
 //!
 //! A coefficient of noise has a variance in inverse proportion to the length of its record. Spectra are therefore scaled by the root of their length, so that
 //! those of all runs have the noise of one spectral density; the response is linear in inputs and end values and is scaled with them.
+//!
+//! Starting values from equation error: where states are measured, their equations are regressions that need no start.
 
+use super::bins::{Reason, SpectralResponse};
 use super::error::{SpectralError, Unanswered};
-use super::intersample::with_areas;
+use super::initial_conditions::longest;
 use super::options::{Nonlinear, SpectralOptions};
-use super::response::{Reason, SpectralResponse};
-use super::unobservable_modes::longest;
-use crate::problem::affine::affine;
-use crate::problem::derived::DerivedQuantities;
+use super::regressor_noise::with_areas;
+use crate::methods::equation_error::{Domain, Regressed, RegressionOptions, regress};
 use crate::problem::noise::Noise;
 use crate::problem::response::RunResponse;
+use crate::problem::response::affine;
+use crate::problem::unknowns::Changes;
+use crate::problem::unknowns::DerivedQuantities;
 use crate::problem::{Problem, ProblemRun};
 use fdm_grammar::carried::CarriedTerm;
 use fdm_grammar::graph::{Leaf, Signal};
@@ -22,6 +26,7 @@ use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::spectrum::{Ends, Frequencies, Spectrum, SpectrumError, SpectrumOptions};
 use nalgebra::DMatrix;
+use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
@@ -435,4 +440,49 @@ pub(super) fn scaled(spectrum: &Spectrum, factor: f64) -> Spectrum {
         ends.flatten().chain(&mut scaled.input_samples).chain(&mut scaled.input_before).for_each(|v| *v *= factor);
     }
     scaled
+}
+
+/// Squared ratio of a value to its error from which on a regression is preferred to the model's own value.
+const PREFERRED: f64 = 4.0;
+
+/// A value that an estimation begins with, and where it is from.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct StartingValue {
+    /// The parameter.
+    pub parameter: String,
+    /// The value.
+    pub value: f64,
+    /// The equations whose regression gave it; none when it is the model's own.
+    pub equations: Vec<String>,
+}
+
+/// Starting values of all free parameters that are identifiable (`seen`), in the model's order. Values that were set by hand stay.
+pub(crate) fn regressed_values(
+    model: &Model,
+    runs: &[Run],
+    seen: &[bool],
+    frequencies: &Frequencies,
+    changes: &Changes,
+) -> Vec<StartingValue> {
+    let domain = Domain::Frequency(frequencies.clone());
+    let found = regress(model, runs, &RegressionOptions { domain, ..RegressionOptions::default() }).ok();
+    let fits = || found.iter().flat_map(|r| &r.fits);
+    let regressed = |name: &str| {
+        fits().find_map(|fit| {
+            let believed = |r: &&Regressed| r.name == *name && r.run.is_none() && r.partial_f >= PREFERRED;
+            let one = fit.parameters.iter().find(believed)?;
+            Some((one.value, fit.equations.iter().map(|e| e.equation.clone()).collect::<Vec<_>>()))
+        })
+    };
+    let params = model.definition().params.iter().zip(seen).filter(|(p, seen)| !p.fixed && **seen);
+    params
+        .map(|(p, _)| {
+            let name = &p.quantity.name;
+            let by_hand = changes.set.iter().any(|(set, _)| set == name);
+            let inside = |v: f64| v.is_finite() && v >= p.lower && v <= p.upper;
+            let better = regressed(name).filter(|(v, _)| inside(*v) && !by_hand && !p.per_run);
+            let (value, equations) = better.unwrap_or((p.value, Vec::new()));
+            StartingValue { parameter: name.clone(), value, equations }
+        })
+        .collect()
 }

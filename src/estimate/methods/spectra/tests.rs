@@ -4,10 +4,10 @@
 use super::fit::fit_spectra;
 use super::options::SpectralOptions;
 use super::setting::Setting;
-use crate::estimation::estimate::Estimate;
+use crate::estimation::Estimate;
 use crate::estimation::solve::estimate;
-use crate::problem::changes::Changes;
 use crate::problem::response::{CoefficientResponse, Coefficients, Response, RunResponse};
+use crate::problem::unknowns::Changes;
 use crate::problem::{Options, ProblemRun};
 use crate::work::Work;
 use fdm_numeric::random::Normal;

@@ -6,30 +6,29 @@
 //! Compiling takes about as long as a thousand runs of the tape. What is evaluated once per parameter vector or once
 //! per model or event (`prepare`, `by_input`, the partials of events) is therefore left to the tape, and so are programs over [`LONGEST`] instructions.
 //! All `unsafe` of the project is in this folder.
-#![allow(unsafe_code)]
+//!
+//! The one place that holds Cranelift's module: host flags, elementary functions, executable memory and its end.
 
-mod module;
-mod plan;
-mod translate;
+#![allow(unsafe_code)]
 
 use super::{JitError, Tape};
 use crate::dynamics::{Dynamics, Point, Step, Workspace, by_stages, by_stages_with_partials};
-use cranelift_codegen::ir::{InstBuilder, types};
-use cranelift_frontend::FunctionBuilder;
+use cranelift_codegen::Context;
+use cranelift_codegen::ir::{AbiParam, FuncRef, Function, InstBuilder, Type, Value, types};
+use cranelift_frontend::{FunctionBuilder, FunctionBuilderContext};
+use cranelift_jit::{JITBuilder, JITModule};
+use cranelift_module::{FuncId, Linkage, Module, default_libcall_names};
+use fdm_grammar::math;
+use fdm_grammar::op::{Op, ROWS};
 use fdm_grammar::schedule::{Layout, Operand, Program, Schedule};
-use module::{Callees, CodeModule};
-use plan::Plan;
+use std::mem::ManuallyDrop;
 use std::sync::{Mutex, OnceLock};
-use translate::{Advance, Leaves, States, Translator};
+use translate::{Advance, Leaves, Plan, States, Translator};
+
+mod translate;
 
 /// Most instructions and results of a program that is compiled.
 const LONGEST: usize = 30_000;
-/// Most instructions and results of a program that is compiled four times over, as one step.
-const LONGEST_STAGE: usize = 1_500;
-/// Most numbers in the frame of a function: it must fit on the stack of any thread.
-const LARGEST_FRAME: u32 = 16_000;
-/// Stack of the thread that compiles; pages that are not touched cost nothing.
-const STACK: usize = 64 << 20;
 
 impl From<cranelift_module::ModuleError> for JitError {
     fn from(e: cranelift_module::ModuleError) -> Self {
@@ -135,7 +134,8 @@ impl Jit {
             return None;
         }
         let plan = Plan::new(program, self.schedule.layout.states.min(program.results.len()));
-        if plan.frame > LARGEST_FRAME {
+        // most numbers in the frame of a function: it must fit on the stack of any thread
+        if plan.frame > 16_000 {
             return None;
         }
         self.define(|module| {
@@ -173,7 +173,8 @@ impl Jit {
         let layout = &self.schedule.layout;
         let rates = program.results.iter().take(layout.states).enumerate().filter(|(i, r)| r.slot as usize == *i);
         if !program.calls.is_empty()
-            || size(program) > LONGEST_STAGE
+            // most instructions and results of a program that is compiled four times over, as one step
+            || size(program) > 1_500
             || rates.count() < layout.states
             || !is_inside(program, layout)
         {
@@ -276,7 +277,8 @@ impl Dynamics for Jit {
 /// Runs on a thread with a stack for the compiler; a panic there becomes an error.
 fn apart<T: Send>(make: impl FnOnce() -> T + Send) -> Result<T, JitError> {
     std::thread::scope(|scope| {
-        let thread = std::thread::Builder::new().name("compile model".into()).stack_size(STACK);
+        // stack of the thread that compiles; pages that are not touched cost nothing
+        let thread = std::thread::Builder::new().name("compile model".into()).stack_size(64 << 20);
         thread.spawn_scoped(scope, make)?.join().map_err(|_| JitError::Panicked)
     })
 }
@@ -313,6 +315,169 @@ fn evaluation(program: &Program, plan: &Plan, builder: &mut FunctionBuilder<'_>,
     let leaves = Leaves { time, states: States::Memory(x), drive: (drive, 0), known };
     translator.point(&leaves, false, Some((out, 0)), &mut []);
     translator.builder.ins().return_(&[]);
+}
+
+/// Executable memory and what is needed to add to it.
+struct CodeModule {
+    /// Taken when this is dropped, not before.
+    module: ManuallyDrop<JITModule>,
+    context: Context,
+    scratch: FunctionBuilderContext,
+    /// What the code refers to by address.
+    tables: Vec<Box<[f64]>>,
+    /// For each operation the function that computes it, unless the hardware does.
+    elementary: Vec<Option<FuncId>>,
+    /// The last function's instructions as text, when somebody wants to read them.
+    written: Option<String>,
+}
+
+macro_rules! elementary {
+    ($($op:ident $name:ident($($x:ident),*);)*) => {
+        $(extern "C" fn $name($($x: f64),*) -> f64 {
+            math::$name($($x),*)
+        })*
+
+        /// Address and number of arguments of what hardware does not compute; the table's functions to the bit.
+        fn function(op: Op) -> Option<(*const u8, usize)> {
+            match op {
+                $(Op::$op => Some(($name as *const u8, [$(stringify!($x)),*].len())),)*
+                _ => None,
+            }
+        }
+    };
+}
+
+elementary! {
+    Pow pow(x, y);
+    Sin sin(x);
+    Cos cos(x);
+    Tan tan(x);
+    Asin asin(x);
+    Acos acos(x);
+    Atan atan(x);
+    Atan2 atan2(y, x);
+    Sinh sinh(x);
+    Cosh cosh(x);
+    Tanh tanh(x);
+    Exp exp(x);
+    Log log(x);
+    Log10 log10(x);
+    Hypot hypot(x, y);
+}
+
+impl CodeModule {
+    /// An empty module for this machine.
+    fn new() -> Result<Self, JitError> {
+        let flags = [
+            // the graph has no common or constant subexpressions left, and the optimiser would write everything down as
+            // late as it can: long lives, which its register allocator answers with quadratic time and spills
+            ("opt_level", "none"),
+            // a straight line of verified arithmetic: nothing to unwind, nothing that Cranelift should check again
+            ("enable_verifier", "false"),
+            ("unwind_info", "false"),
+            // a large frame must find the guard page, not step over it
+            ("enable_probestack", "true"),
+            ("probestack_strategy", "inline"),
+        ];
+        let mut builder = JITBuilder::with_flags(&flags, default_libcall_names())?;
+        for row in ROWS {
+            if let Some((address, _)) = function(row.op) {
+                builder.symbol(symbol(row.name), address);
+            }
+        }
+        let mut module = JITModule::new(builder);
+        let mut elementary = Vec::with_capacity(ROWS.len());
+        for row in ROWS {
+            elementary.push(match function(row.op) {
+                Some((_, arity)) => {
+                    let mut signature = module.make_signature();
+                    signature.params = vec![AbiParam::new(types::F64); arity];
+                    signature.returns = vec![AbiParam::new(types::F64)];
+                    Some(module.declare_function(&symbol(row.name), Linkage::Import, &signature)?)
+                }
+                None => None,
+            });
+        }
+        let context = module.make_context();
+        let (module, scratch) = (ManuallyDrop::new(module), FunctionBuilderContext::new());
+        Ok(Self { module, context, scratch, tables: Vec::new(), elementary, written: None })
+    }
+
+    /// The type of addresses.
+    fn pointer(&self) -> Type {
+        self.module.target_config().pointer_type()
+    }
+
+    /// Compiles a function of these parameters without result, which may refer to a table of constants; its address
+    /// is valid as long as this lives.
+    fn define(
+        &mut self,
+        params: &[Type],
+        constants: &[f64],
+        body: impl FnOnce(&mut FunctionBuilder<'_>, &mut Callees<'_>),
+    ) -> Result<*const u8, JitError> {
+        let module = &mut *self.module;
+        module.clear_context(&mut self.context);
+        self.context.func.signature.params = params.iter().map(|t| AbiParam::new(*t)).collect();
+        let id = module.declare_anonymous_function(&self.context.func.signature)?;
+        let table: Box<[f64]> = constants.into();
+        let address = table.as_ptr();
+        self.tables.push(table);
+        self.context.set_disasm(self.written.is_some());
+        let mut builder = FunctionBuilder::new(&mut self.context.func, &mut self.scratch);
+        let mut callees =
+            Callees { module, constants: address, elementary: &self.elementary, referred: vec![None; ROWS.len()] };
+        body(&mut builder, &mut callees);
+        builder.finalize(module.target_config());
+        module.define_function(id, &mut self.context)?;
+        if let Some(written) = &mut self.written {
+            *written = self.context.compiled_code().and_then(|code| code.vcode.clone()).unwrap_or_default();
+        }
+        module.finalize_definitions()?;
+        Ok(module.get_finalized_function(id))
+    }
+}
+
+impl Drop for CodeModule {
+    fn drop(&mut self) {
+        // SAFETY: taken here only, and `self` is not used afterwards.
+        let module = unsafe { ManuallyDrop::take(&mut self.module) };
+        // SAFETY: `Jit` owns this module and the only copies of its addresses, and it is being dropped: nobody can be
+        // inside a function nor call one afterwards.
+        unsafe { module.free_memory() };
+    }
+}
+
+/// What the function under construction refers to.
+struct Callees<'a> {
+    module: &'a mut JITModule,
+    constants: *const f64,
+    elementary: &'a [Option<FuncId>],
+    referred: Vec<Option<FuncRef>>,
+}
+
+impl Callees<'_> {
+    /// The type of addresses.
+    fn pointer(&self) -> Type {
+        self.module.target_config().pointer_type()
+    }
+
+    /// The address of the table of constants.
+    fn constants(&self, builder: &mut FunctionBuilder<'_>) -> Value {
+        let pointer = self.pointer();
+        builder.ins().iconst(pointer, self.constants as i64)
+    }
+
+    /// The function that computes an operation; `None` when the hardware does.
+    fn of(&mut self, op: Op, function: &mut Function) -> Option<FuncRef> {
+        let id = self.elementary[op as usize]?;
+        Some(*self.referred[op as usize].get_or_insert_with(|| self.module.declare_func_in_func(id, function)))
+    }
+}
+
+/// Away from the names of the system's C library.
+fn symbol(name: &str) -> String {
+    format!("fdm.{name}")
 }
 
 #[cfg(test)]

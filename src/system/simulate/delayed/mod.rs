@@ -7,9 +7,7 @@
 //! a delay.
 
 mod history;
-mod sensitivity;
 mod step;
 
 pub(super) use history::History;
-pub(super) use sensitivity::DelayedSensitivity;
-pub(super) use step::DelayedStates;
+pub(super) use step::{DelayedSensitivity, DelayedStates};

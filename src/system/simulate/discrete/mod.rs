@@ -7,7 +7,6 @@
 //! through the derivatives of F. Subsystems that do not influence each other are separate, so that their rows are short.
 
 mod equations;
-mod feed;
 mod map;
 mod response;
 mod subsystem;
@@ -17,7 +16,7 @@ mod transition;
 
 use super::blocks::{Gathering, OutputRow, RowLayout, Sink};
 use super::error::Divergence;
-use super::observation::Observation;
+use super::trajectory::Observation;
 use super::trajectory::Trajectory;
 use crate::dynamics::Layout;
 use equations::{Equations, Part, partition};
@@ -27,15 +26,8 @@ use response::Values;
 use std::ops::Range;
 use subsystem::{Subsystem, steps_of_a_block};
 
-pub(super) use transition::Intervals;
-pub(super) use transition::Method;
+pub(super) use transition::{Intervals, Method};
 
-/// Subsystems up to this size are worth their full matrices whatever the steps are.
-const FEW_STATES: usize = 24;
-/// Most numbers in the derivatives of a subsystem's matrix: every run has a dozen of these, and more leave the near cache.
-const MOST_NUMBERS: usize = 200_000;
-/// Products of matrices that the coefficients of one length of a step take (see `transition.rs`), with some halvings.
-const PRODUCTS: f64 = 30.0;
 /// Beyond so many numbers coefficients come from a farther cache with every step, which takes so many times as long.
 const NEAR: f64 = 1e5;
 const FAR: f64 = 3.0;
@@ -52,7 +44,8 @@ pub(super) fn suits(layout: &Layout) -> bool {
     }
     let parts = partition(layout, observed(layout));
     let full: usize = parts.iter().map(|part| part.states.len().pow(2)).sum();
-    parts.iter().all(|part| part.states.len() <= FEW_STATES && is_kept(part))
+    // subsystems up to this size are worth their full matrices whatever the steps are
+    parts.iter().all(|part| part.states.len() <= 24 && is_kept(part))
         && full <= 8 * (layout.patterns.rates_by_state.len() + layout.states)
 }
 
@@ -62,14 +55,18 @@ fn is_recursion(layout: &Layout) -> bool {
 }
 
 fn is_kept(part: &Part) -> bool {
-    part.states.len().pow(2) * (part.params.len() + VECTOR) <= MOST_NUMBERS
+    // most numbers in the derivatives of a subsystem's matrix: every run has a dozen of these, and more leave the
+    // near cache
+    part.states.len().pow(2) * (part.params.len() + VECTOR) <= 200_000
 }
 
 /// Operations of a step of the exact discretisation with its sensitivities, in a run of so many of them; its coefficients are among them.
 pub(super) fn work(layout: &Layout, steps: usize) -> f64 {
     let of = |part: &Part| {
         let (n, lanes) = (part.states.len() as f64, (part.params.len() + 1).next_multiple_of(VECTOR) as f64);
-        let (numbers, products) = ((n + part.drive.len() as f64) * n * lanes, 4.0 * n.powi(3) * lanes * PRODUCTS);
+        // products of matrices that the coefficients of one length of a step take (see `transition.rs`), with some
+        // halvings
+        let (numbers, products) = ((n + part.drive.len() as f64) * n * lanes, 4.0 * n.powi(3) * lanes * 30.0);
         let far = if numbers > NEAR { FAR } else { 1.0 };
         2.0 * (n * n * lanes + far * numbers) + products / steps.max(1) as f64
     };

@@ -4,9 +4,9 @@
 //! coefficients are zero: a response has the same bits with and without its sensitivities.
 
 use super::equations::Part;
-use super::feed::{Reading, Term, gather, gather_samples};
 use super::map::LinearMap;
 use super::subsystem::Subsystem;
+use super::subsystem::{Reading, Term, gather, gather_samples};
 use super::transition::Intervals;
 use crate::simulate::drive::DriveTable;
 use fdm_numeric::lanes::{Aligned, Simd, VECTOR, WithSimd};

@@ -32,10 +32,6 @@ pub(super) struct Transition {
 const SMALL: f64 = 0.5;
 /// Terms of the series for phi_3: 0.5^13 3!/16! is below rounding.
 const TERMS: usize = 12;
-/// Numbers of a matrix's derivatives that stay in the innermost cache while they are multiplied.
-const INNERMOST: usize = 4096;
-/// Halvings beyond which nothing finite comes of it.
-const MOST_HALVINGS: i32 = 1000;
 
 impl Transition {
     pub(super) fn new(states: usize, lanes: usize) -> Self {
@@ -56,7 +52,8 @@ impl Transition {
     #[inline(always)]
     fn exact(&mut self, a: &Jet, h: f64) {
         let norm = a.norm() * h.abs();
-        let halvings = if norm > SMALL { ((norm / SMALL).log2().ceil() as i32).min(MOST_HALVINGS) } else { 0 };
+        // halvings beyond which nothing finite comes of it
+        let halvings = if norm > SMALL { ((norm / SMALL).log2().ceil() as i32).min(1000) } else { 0 };
         self.z.scale_of(h * 0.5f64.powi(halvings), a);
         self.series();
         for _ in 0..halvings {
@@ -200,7 +197,8 @@ impl Jet {
                 self.value[i * self.columns + j] = sum;
             }
         }
-        if self.slope.len() > INNERMOST { self.row_by_row(a, b) } else { self.entry_by_entry(a, b) }
+        // numbers of a matrix's derivatives that stay in the innermost cache while they are multiplied
+        if self.slope.len() > 4096 { self.row_by_row(a, b) } else { self.entry_by_entry(a, b) }
     }
 
     /// Derivatives of few entries: each in registers.
@@ -263,9 +261,6 @@ impl Jet {
     }
 }
 
-/// More different lengths than this are no sampling that recursions are worth their coefficients for.
-const MOST: usize = 16;
-
 /// Lengths of steps, and which one each step has.
 #[derive(Debug, Clone, PartialEq)]
 pub(in crate::simulate) struct Intervals {
@@ -287,7 +282,8 @@ impl Intervals {
             let h = grid.step(k).1;
             let kind = match kinds.iter().position(|(first, ..)| (first - h).abs() <= rounding) {
                 Some(kind) => kind,
-                None if kinds.len() == MOST => return None,
+                // more different lengths than this are no sampling that recursions are worth their coefficients for
+                None if kinds.len() == 16 => return None,
                 None => {
                     kinds.push((h, 0.0, 0));
                     kinds.len() - 1
