@@ -30,7 +30,7 @@ pub(crate) fn table(parameters: &[ParameterEstimate], intervals: bool) -> Rows<(
     if intervals {
         table.span("95 % interval", |(_, p)| interval(p));
     }
-    table.words("unit", |(_, p)| p.unit.clone().unwrap_or_default());
+    table.unit(|(_, p)| p.unit.clone());
     table.words("status", |(_, p)| status(p));
     table
 }

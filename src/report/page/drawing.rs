@@ -6,8 +6,8 @@ use super::thinning::kept;
 use maud::{Markup, PreEscaped, html};
 use std::fmt::Write;
 
-/// Of a whole figure, and of one of two beside each other.
-const WIDTHS: [f64; 2] = [760.0, 460.0];
+/// Of a whole figure, and of one of two beside each other: on a sheet of A4 labels have their own size.
+const WIDTHS: [f64; 2] = [720.0, 350.0];
 const LEFT: f64 = 66.0;
 const RIGHT: f64 = 10.0;
 const TOP: f64 = 8.0;
@@ -67,7 +67,7 @@ impl Frame {
 pub(crate) fn svg(figure: &Figure) -> Markup {
     let (width, height) = size(figure);
     html! {
-        svg viewBox={ "0 0 " (width) " " (height) } role="img" aria-label=(figure.caption) { (body(figure, width, height)) }
+        svg viewBox={ "0 0 " (width) " " (height) } width=(width) height=(height) role="img" aria-label=(figure.caption) { (body(figure, width, height)) }
     }
 }
 

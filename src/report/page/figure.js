@@ -143,8 +143,8 @@
     return low;
   };
 
-  const draw = (figure) => {
-    const width = Math.max(240, Math.floor(figure.canvas.clientWidth));
+  const draw = (figure, own) => {
+    const width = own ?? Math.max(240, Math.floor(figure.canvas.clientWidth));
     const data = figure.data;
     const [low, high] = figure.group.view || figure.whole;
     const x = scale(low, high, data.logarithmic, MARGIN.left, width - MARGIN.right);
@@ -341,7 +341,7 @@
     if (!groups.has(name)) groups.set(name, { members: [], view: null });
     const figure = {
       id: holder.id, data, at: data.at, svg, canvas: holder.querySelector(".canvas"), readout: holder.querySelector(".readout"),
-      group: groups.get(name), drawn: false, chosen: null, whole: around(data.at, data.margin, data.logarithmic),
+      group: groups.get(name), drawn: false, paper: svg.viewBox.baseVal.width, chosen: null, whole: around(data.at, data.margin, data.logarithmic),
     };
     figure.group.members.push(figure);
     figures.push(figure);
@@ -365,9 +365,13 @@
     for (const figure of figures) if (figure.canvas.clientWidth && Math.floor(figure.canvas.clientWidth) !== figure.width) draw(figure);
   }).observe(document.body);
 
-  // Paper shows everything; the switch between light and dark
+  // Paper shows everything, as wide as it was drawn for paper; the switch between light and dark
 
-  addEventListener("beforeprint", () => document.querySelectorAll("details.run").forEach((d) => { d.open = true; }));
+  addEventListener("beforeprint", () => {
+    document.querySelectorAll("details.run").forEach((d) => { d.open = true; });
+    figures.forEach((figure) => draw(figure, figure.paper));
+  });
+  addEventListener("afterprint", () => figures.forEach((figure) => draw(figure)));
   const root = document.documentElement, button = document.getElementById("theme");
   button.hidden = false;
   button.addEventListener("click", () => {

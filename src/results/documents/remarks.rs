@@ -1,7 +1,7 @@
 //! What should not be overlooked in a result, in plain words.
 
 use super::BridgeDocument;
-use super::digits::digits;
+use super::digits::{digits, p_value};
 use super::doubted;
 use super::equal_minima::equal_minima;
 use fdm_estimate::Unexplained;
@@ -651,7 +651,7 @@ fn varying(estimate: &Estimate) -> Vec<String> {
             // a noise model is there, and does not say it all
             false => ": what the model says of the noise is not all of it".into(),
         };
-        Some(format!("{cause} (p = {}){range}{done}", digits(v.p_value, 1)))
+        Some(format!("{cause} ({}){range}{done}", p_value(v.p_value)))
     };
     estimate.noise_variation.iter().filter(|v| v.is_significant()).filter_map(one).collect()
 }
