@@ -1,6 +1,5 @@
 //! Reports as pages: one file that asks for no other, its sections with tables, figures and links between them.
 
-use super::page::figure::Figure;
 use super::page::number::unit;
 use super::section::{Cell, Column, Kind, Mark, Medium, Part, Point, Report, Section, Table, Trust, Verdict};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
