@@ -56,11 +56,10 @@ pub struct Options {
     /// are least; or their number
     #[arg(long, value_name = "auto|level|K", default_value = "auto", value_parser = components, help_heading = "Regression", hide_short_help = true)]
     components: Components,
-    /// Search the structure of every measured rate, and of outputs that show no state, by stepwise regression among signals, squares and
-    /// products
+    /// Search the structure of every measured rate by stepwise regression among signals, squares and products
     #[arg(long, help_heading = "Regression")]
     stepwise: bool,
-    /// Search it among all products of up to so many signals, made orthogonal, by the least predicted squared error
+    /// Search it among all products of up to so many signals, made orthogonal, by the predicted squared error
     #[arg(long, value_name = "ORDER", num_args = 0..=1, default_missing_value = "3", conflicts_with = "stepwise", value_parser = order, help_heading = "Regression", hide_short_help = true)]
     orthogonal: Option<usize>,
     /// Recursive least squares.
