@@ -31,6 +31,10 @@ fn level() -> f64 {
     -2.0 * 0.05_f64.ln()
 }
 
+/// Half the interval of 95 % of a parameter alone in its standard errors, where the noise is known. Intervals of few independent values are
+/// wider, and regions are widened as they are.
+const ALONE: f64 = 1.959_963_985;
+
 /// A parameter along an axis.
 struct Axis {
     name: String,
@@ -69,10 +73,19 @@ pub(crate) fn of_fit(fit: &FitDocument) -> Option<Picture> {
     let axes: Vec<Axis> = axes.collect();
     let pair = |i: usize, j: usize| {
         let (a, b) = (known[shown[i]].0, known[shown[j]].0);
-        let spread = [covariance(a, a), covariance(a, b), covariance(b, b)];
+        let [first, second] = [i, j].map(|k| widened(known[shown[k]].1));
+        let spread =
+            [covariance(a, a) * first * first, covariance(a, b) * first * second, covariance(b, b) * second * second];
         Pair { region: ellipse([axes[i].value, axes[j].value], spread), ..Pair::default() }
     };
     corner("regions", "joint confidence regions of 95 %, by the covariance", &axes, pair)
+}
+
+/// How much wider the interval of a parameter is than where the noise is known; 1 where its bounds cut it.
+fn widened(p: &ParameterEstimate) -> f64 {
+    let whole = p.interval().zip(p.error()).filter(|_| p.limit.is_none());
+    let ratio = whole.map(|([low, high], error)| (high - low) / (2.0 * ALONE * error));
+    ratio.filter(|r| r.is_finite() && *r >= 1.0).unwrap_or(1.0)
 }
 
 /// Regions by the cost, from the profiles of both parameters and where the other goes along each.
@@ -200,7 +213,8 @@ fn around(known: &[(f64, f64); 4], angle: f64) -> f64 {
     from.1 + s * (lift + s * (3.0 * rest - 2.0 * lift - fall + s * (lift + fall - 2.0 * rest)))
 }
 
-/// A profile in signed roots of twice its rise, each over what coloured noise adds: root, value, and the value of another parameter there.
+/// A profile in signed roots of its rise, such that its own interval ends where it does for a known noise: root, value, and the value of another
+/// parameter there.
 struct Course {
     points: Vec<[f64; 3]>,
 }
@@ -209,7 +223,7 @@ impl Course {
     /// None where the profile says nothing about the other.
     fn of(profile: &Profile, other: &Profile) -> Option<Self> {
         let root =
-            |value: f64, rise: f64| (2.0 * rise.max(0.0)).sqrt().copysign(value - profile.value) / profile.factor;
+            |value: f64, rise: f64| ALONE * (rise.max(0.0) / profile.rise).sqrt().copysign(value - profile.value);
         let own = profile.points.iter().filter(|p| p.value != profile.value).filter_map(|p| {
             let (_, value) = p.others.iter().find(|(name, _)| *name == other.name)?;
             Some([root(p.value, p.rise), p.value, *value])
@@ -310,7 +324,8 @@ impl Frame {
         let point = |(k, (x, y)): (usize, &(f64, f64))| {
             format!("{}{} {}", if k == 0 { "M" } else { "L" }, place(self.across(*x)), place(self.down(*y)))
         };
-        points.iter().filter(|(x, y)| x.is_finite() && y.is_finite()).enumerate().map(point).collect()
+        let inside = |scale: &Scale, v: f64| (0.0..=1.0).contains(&scale.share(v));
+        points.iter().filter(|(x, y)| inside(&self.x, *x) && inside(&self.y, *y)).enumerate().map(point).collect()
     }
 }
 
@@ -357,7 +372,7 @@ mod tests {
                 value: centre,
                 error: 1.0,
                 factor: 1.0,
-                rise: 1.92,
+                rise: ALONE * ALONE / 2.0,
                 bound: false,
                 ends: ends.map(End::At),
                 held: Default::default(),
