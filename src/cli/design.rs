@@ -1,9 +1,10 @@
 //! `fdm design`: optimal input design: the manoeuvres of the next runs that reduce the standard errors most.
 
-use crate::deliver::{Output, close, standing, write_all};
+use crate::deliver::{Output, Places, standing, write_all};
 use crate::failure::{Ending, Failure, ended};
 use clap::Args;
 use fdm_session::design;
+use std::path::PathBuf;
 
 /// What `fdm design` takes.
 #[derive(Debug, Args)]
@@ -12,20 +13,24 @@ pub(crate) struct Arguments {
     options: design::Options,
     #[command(flatten)]
     output: Output,
+    /// Write one page for a browser: what is known after each planned run, and what is flown
+    #[arg(long, value_name = "FILE.html", conflicts_with = "between", help_heading = "Result")]
+    report: Option<PathBuf>,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
-    let Arguments { options, output } = arguments;
+    let Arguments { options, output, report } = arguments;
     refuse_others(options)?;
-    let mut conduct = output.conduct(&options.limit);
+    let places = Places { output, plot: None, out: None, report: report.as_deref() };
+    let mut conduct = places.conduct(&options.limit);
     let answer = design::answer(options, &mut conduct);
     conduct.progress.finish();
     let answer = answer?;
-    let printed = output.print(&answer);
     if let Some(folder) = &options.records {
-        write_all(folder, &answer.files)?;
+        let runs: Vec<_> = answer.files.iter().filter(|(name, _)| name != "page.html").cloned().collect();
+        write_all(folder, &runs)?;
     }
-    ended(close(&answer) && printed)
+    ended(places.hand_over(&answer))
 }
 
 /// Files that stand where runs would be written are told before the work.

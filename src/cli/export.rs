@@ -251,12 +251,7 @@ impl Arguments {
 fn unit(arguments: &Arguments, (model, errors): (&Model, &BTreeMap<String, f64>), path: &Path) -> Ending {
     let library = match &arguments.library {
         Some(named) => named.clone(),
-        None => beside().ok_or_else(|| {
-            let name = library_name();
-            Failure::input([format!(
-                "{name} is not beside this program: build it by `cargo build --release --package fdm-fmu`, or name it with --library FILE"
-            )])
-        })?,
+        None => unit_library().map_err(|why| Failure::input([why]))?,
     };
     let bytes = fdm_results::store::read_input(&library).map_err(|e| Failure::at(&library, &e))?;
     let version = if arguments.fmi == 2 { Version::Two } else { Version::Three };
@@ -264,6 +259,25 @@ fn unit(arguments: &Arguments, (model, errors): (&Model, &BTreeMap<String, f64>)
     write(path, written)?;
     ended(true)
 }
+
+/// The library that goes into units: the one that the environment names, or that beside this program; or where to get it.
+pub(crate) fn unit_library() -> Result<PathBuf, String> {
+    let named = std::env::var_os(LIBRARY).map(PathBuf::from);
+    if let Some(path) = named {
+        let lost = || format!("{LIBRARY} names {}, where no file is", path.display());
+        return if path.is_file() { Ok(path) } else { Err(lost()) };
+    }
+    let name = library_name();
+    beside().ok_or_else(|| {
+        format!(
+            "{name} is not beside this program, where `cargo install` does not put it: copy it from target/release of the checkout \
+             (`cargo build --release --package fdm-fmu` makes it), or name it with --library FILE or in {LIBRARY}"
+        )
+    })
+}
+
+/// The variable that names the library of units where it is not beside the program, as in a wheel.
+const LIBRARY: &str = "FDM_FMU_LIBRARY";
 
 /// What Cargo calls the library on this kind of machine.
 fn library_name() -> String {

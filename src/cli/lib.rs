@@ -3,6 +3,7 @@
 //!
 //! Exit codes: 0 good, 1 numbers went wrong (what was computed is printed), 2 wrong input.
 
+mod builtin;
 mod check;
 mod compare;
 mod data;
@@ -199,8 +200,13 @@ fn command_line() -> Vec<String> {
 
 /// Does what these words ask for, the first of which is the name of the program: once in a process.
 pub fn main_with(words: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let words: Vec<OsString> = words.into_iter().collect();
+    if builtin::is_asked(&words) {
+        failure::print(&builtin::told());
+        return ExitCode::SUCCESS;
+    }
     let mut command = command();
-    let sorted = subjects::sorted(words.into_iter().collect(), &command);
+    let sorted = subjects::sorted(words, &command);
     let words = match sorted.and_then(|words| project::completed(words, &command)) {
         Ok(words) => words,
         Err(failure) => return failure::report(&failure),

@@ -4,7 +4,7 @@ use super::section::{Part, Report, Rows, Section, Trust, Verdict};
 use crate::{html, text};
 use fdm_estimate::Status;
 use fdm_results::comparison::{Averaged, Candidate, Comparison, Criteria, Edge, Nesting, WeightedBy};
-use fdm_results::documents::{KeptParameter, digits, digits_by_error, digits_of_end};
+use fdm_results::documents::{KeptParameter, digits, digits_by_error, digits_of_end, p_value};
 
 /// P-values below this are no chance.
 const SIGNIFICANT: f64 = 0.01;
@@ -84,7 +84,7 @@ fn judged(names: &[&str], averaged: Option<&Averaged>, edges: &[Edge], nestings:
     let tested = || nestings.iter().filter(|n| n.likelihood_ratio >= 0.0);
     if let Some(n) = tested().find(|n| n.richer == first && n.p_value >= SIGNIFICANT) {
         let sentence =
-            format!("What {first} gains beside {} could be chance ({}); {has}.", n.poorer, chance(n.p_value));
+            format!("What {first} gains beside {} could be chance ({}); {has}.", n.poorer, p_value(n.p_value));
         return found(false, sentence);
     }
     if let Some(n) = tested().find(|n| n.poorer == first && n.p_value < SIGNIFICANT) {
@@ -93,22 +93,17 @@ fn judged(names: &[&str], averaged: Option<&Averaged>, edges: &[Edge], nestings:
             format!(
                 "What {} gains beside {first} is more than chance ({}), and yet {has}.",
                 n.richer,
-                chance(n.p_value)
+                p_value(n.p_value)
             ),
         );
     }
     match tested().find(|n| n.richer == first) {
         Some(n) => found(
             true,
-            format!("What {first} gains beside {} is more than chance ({}); {has}.", n.poorer, chance(n.p_value)),
+            format!("What {first} gains beside {} is more than chance ({}); {has}.", n.poorer, p_value(n.p_value)),
         ),
         None => found(weight >= DECIDED, format!("{has}.")),
     }
-}
-
-/// A probability in a sentence.
-fn chance(p: f64) -> String {
-    if p < 1e-3 { "p < 0.001".into() } else { format!("p = {p:.3}") }
 }
 
 /// What was assumed about the records: once where all results assume the same, by result otherwise.
@@ -183,7 +178,7 @@ fn average(candidates: &[Candidate], averaged: &Averaged) -> Section {
         format!("{low} to {high}")
     });
     table.number("in models of", |p| format!("{:.0} %", 100.0 * p.weight));
-    table.words("unit", |p| p.unit.clone().unwrap_or_default());
+    table.unit(|p| p.unit.clone());
     let table = table.below(format!("averaged over the models, {}: {weights}", weighted_by(averaged)));
     let number = |v: Option<f64>| v.map_or("-".into(), |v| digits(v, 4));
     let mut outputs = Rows::over(&averaged.outputs);
@@ -208,7 +203,7 @@ fn nesting(n: &Nesting) -> String {
         );
     }
     let gain = if n.p_value < SIGNIFICANT { "a gain beyond chance" } else { "no gain beyond chance" };
-    let p = chance(n.p_value);
+    let p = p_value(n.p_value);
     format!("{pair}, F({further}, {left:.0}) = {}, {p}: {gain}, if one model holds the other", digits(n.f, 3))
 }
 
@@ -232,7 +227,7 @@ fn parameters(candidates: &[Candidate]) -> Rows<(&str, Option<&str>)> {
     };
     table.name("parameter", |(name, _)| *name);
     table.runs(|(_, run)| *run);
-    table.words("unit", |row| candidates.iter().find_map(|c| find(c, row)).and_then(|p| p.unit).unwrap_or_default());
+    table.unit(|row| candidates.iter().find_map(|c| find(c, row)).and_then(|p| p.unit));
     for c in candidates {
         table.number(&c.name, |row| find(c, row).map_or("-".into(), |p| value_with_error(&p)));
     }
@@ -306,7 +301,7 @@ fn edge(e: &Edge) -> String {
     };
     let size =
         format!("leaves {:.1} ± {:.1} % less of the mean square than {other}", 100.0 * a.reduction, 100.0 * a.error);
-    let p = chance(a.p_value);
+    let p = p_value(a.p_value);
     let verdict = if a.p_value < SIGNIFICANT { "predicts better" } else { "may predict as well: this could be chance" };
     let who = if a.p_value < SIGNIFICANT { best.clone() } else { other.clone() };
     format!("{output}: {best} {size} ({p}); {who} {verdict}")
@@ -366,7 +361,7 @@ mod tests {
         let said = edge(&of(Some(advantage)));
         assert!(said.starts_with("y: a leaves 25.0 ± 20.0 % less") && said.ends_with("could be chance"), "{said}");
         let said = edge(&of(Some(Advantage { p_value: 1e-9, ..advantage })));
-        assert!(said.ends_with("(p < 0.001); a predicts better"), "{said}");
+        assert!(said.ends_with("(p = 1e-9); a predicts better"), "{said}");
         assert!(edge(&of(None)).contains("cannot be determined"));
     }
 

@@ -38,7 +38,10 @@ pub(crate) fn figure(subject: &Subject) -> Option<Figure> {
     }
     let column = |of: fn(&Iteration) -> f64| history.iter().map(of).collect::<Vec<f64>>();
     let (cost, step) = (column(|h| h.cost), column(|h| h.step));
-    let positive = |values: Vec<f64>| values.into_iter().map(|v| if v > 0.0 { v } else { f64::NAN }).collect();
+    let least = cost.iter().copied().fold(f64::INFINITY, f64::min);
+    let above = cost.iter().map(|v| v - least).collect();
+    let positive =
+        |values: Vec<f64>| values.into_iter().map(|v| if v > 0.0 { v } else { f64::NAN }).collect::<Vec<f64>>();
     let panel = |label: &str, logarithmic: bool, look: Look, values: Vec<f64>| {
         Panel::new(label, 110, vec![Mark::line(label, look, values.clone()), Mark::dots("", look, values)])
             .scaled(logarithmic)
@@ -55,7 +58,7 @@ pub(crate) fn figure(subject: &Subject) -> Option<Figure> {
             column(|h| h.number as f64),
         )
         .in_group("convergence")
-        .with(panel("cost", false, Look::Model, cost))
+        .with(panel("cost above the least", true, Look::Model, positive(above)))
         .with(panel("size of the step", true, Look::Other, positive(step))),
     )
 }

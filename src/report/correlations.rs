@@ -3,6 +3,7 @@
 use super::section::{Part, Section};
 use crate::page::number::text;
 use crate::page::subject::Subject;
+use crate::regions;
 use fdm_results::documents::{CORRELATED, with_run};
 use maud::{Markup, html};
 
@@ -36,7 +37,11 @@ pub(crate) fn section(subject: &Subject) -> Option<Section> {
     let condition =
         fit.condition.map(|v| format!("Condition number of the scaled information matrix: {}.", text(v, 3)));
     let section = Section::new("correlations", "Correlations").with_all(map.into_iter().flatten()).line(said);
-    Some(section.with(Part::List(pairs.collect())).notes(condition))
+    let regions = regions::of_fit(fit).map(|picture| {
+        let note = "Dashed: the interval of 95 % of each parameter by itself. A narrow slanted region: one parameter makes up for the other.";
+        [Part::Markup(picture.markup()), Part::Note(note.into())]
+    });
+    Some(section.with(Part::List(pairs.collect())).notes(condition).with_all(regions.into_iter().flatten()))
 }
 
 /// Every correlation in the colour of its sign and size.

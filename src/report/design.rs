@@ -1,7 +1,9 @@
-//! What the next runs would determine: a table of parameters, one of manoeuvres.
+//! What the next runs would determine: a table of parameters, one of manoeuvres; on a page what is known after each run, and what is flown.
 
-use super::section::{Rows, Section};
-use crate::text;
+use super::section::{Part, Report, Rows, Section, Trust, Verdict};
+use crate::page::figure::{Figure, Look, Mark, Panel};
+use crate::page::number::bracketed;
+use crate::{html, text};
 use fdm_results::documents::design::{Design, Distinction, Gain, Manoeuvre, Outlook};
 use fdm_results::documents::digits;
 use fdm_system::model::Model;
@@ -11,8 +13,81 @@ const CLEAR: f64 = 3.0;
 /// Manoeuvres that are listed.
 const LISTED: usize = 12;
 
+/// Looks of what is known now, after the first planned run and after the last.
+const LOOKS: [Look; 3] = [Look::Measured, Look::Residual, Look::Model];
+
+/// A planned run: its name, and time and inputs as columns of name, unit and values.
+pub type Planned = (String, Vec<(String, Option<String>, Vec<f64>)>);
+
 /// Parameters now and then, planned runs, the most informative manoeuvres, and what nothing would determine.
 pub fn design_table(design: &Design, model: &Model) -> String {
+    text::sections(&[section(design, model)])
+}
+
+/// A page of planned runs.
+pub fn design_page(design: &Design, model: &Model, planned: &[Planned]) -> String {
+    let last = |o: &Outlook| o.then.last().copied().flatten().or(o.now.filter(|_| o.then.is_empty()));
+    let relative = |o: &&Outlook| last(o).map_or(f64::INFINITY, |e| e / o.value.abs());
+    let least = design.outlook.iter().max_by(|a, b| relative(a).total_cmp(&relative(b)));
+    let known = least
+        .map_or(String::new(), |o| format!(" Least known after them: {}, {}.", o.parameter, part(o.value, last(o))));
+    let count = design.steps.len();
+    let sentence = format!("{count} run{} planned.{known}", if count == 1 { " is" } else { "s are" });
+    let trust = if design.undetermined_then.is_empty() { Trust::Good } else { Trust::Reserved };
+    let flown = Section::new("inputs", "What is flown")
+        .with_all(planned.iter().enumerate().filter_map(|(k, (name, columns))| inputs(k, name, columns)));
+    let drawn = errors(design).map(|figure| {
+        let said = "One standard error of every parameter as a part of its value: by the runs so far, and after the planned ones.";
+        Section::new("errors", "What is known").line(said).with(figure)
+    });
+    html::page(&Report {
+        kind: "design of the next runs",
+        name: model.name().into(),
+        doc: Some(model.definition().doc.clone()).filter(|doc| !doc.is_empty()),
+        verdict: Verdict::new(trust, sentence),
+        sections: std::iter::once(section(design, model))
+            .chain(drawn)
+            .chain(Some(flown).filter(|s| !s.parts.is_empty()))
+            .collect(),
+    })
+}
+
+/// Errors now, after the first planned run and after the last, parameter by parameter.
+fn errors(design: &Design) -> Option<Figure> {
+    let percent = |of: &dyn Fn(&Outlook) -> Option<f64>| -> Vec<f64> {
+        let one = |o: &Outlook| of(o).map_or(f64::NAN, |e| 100.0 * e / o.value.abs());
+        design.outlook.iter().map(one).map(|v| if v.is_finite() { v } else { f64::NAN }).collect()
+    };
+    let after = |k: usize| percent(&move |o: &Outlook| o.then.get(k).copied().flatten());
+    let mut marks = vec![Mark::dots("by the runs so far", LOOKS[0], percent(&|o| o.now))];
+    let count = design.steps.len();
+    marks.extend((count > 0).then(|| Mark::dots("after run 1", LOOKS[1], after(0))));
+    marks.extend((count > 1).then(|| Mark::dots(&format!("after run {count}"), LOOKS[2], after(count - 1))));
+    let any = marks.iter().flat_map(|m| &m.values).any(|v| v.is_finite());
+    any.then(|| {
+        Figure::new("errors-1", "standard errors", "parameter", (1..=design.outlook.len()).map(|k| k as f64).collect())
+            .with(Panel::new("of the value [%]", 200, marks).logarithmic())
+            .named(design.outlook.iter().map(|o| o.parameter.clone()).collect())
+    })
+}
+
+/// The inputs of a planned run over time.
+fn inputs(k: usize, name: &str, columns: &[(String, Option<String>, Vec<f64>)]) -> Option<Figure> {
+    let ((time, unit, at), inputs) = columns.split_first()?;
+    let panel = |(name, unit, values): &(String, Option<String>, Vec<f64>)| {
+        Panel::new(
+            format!("{name}{}", bracketed(unit.as_deref())),
+            90,
+            vec![Mark::line(name, Look::Input, values.clone())],
+        )
+    };
+    Some(
+        Figure::new(format!("inputs-{}", k + 1), name, format!("{time}{}", bracketed(unit.as_deref())), at.clone())
+            .with_all(inputs.iter().map(panel).collect()),
+    )
+}
+
+fn section(design: &Design, model: &Model) -> Section {
     let time = model.definition().time.to_string();
     let runs = design.steps.iter().enumerate().map(|(k, step)| {
         let (m, words) = (&step.manoeuvre, step.manoeuvre.words(&time));
@@ -20,12 +95,12 @@ pub fn design_table(design: &Design, model: &Model) -> String {
     });
     let now = design.undetermined_now.iter().map(|d| format!("not determined so far: {}", d.sentence));
     let then = design.undetermined_then.iter().map(|d| format!("no manoeuvre here would determine: {}", d.sentence));
-    let section = Section::new("design", "The next runs")
+    let said = now.chain(then).chain(lost(&design.lost, &time));
+    Section::new("design", "The next runs")
         .lines(runs)
         .with(parameters(design, &time))
-        .with(manoeuvres(design, model, &time))
-        .lines(now.chain(then).chain(lost(&design.lost, &time)));
-    text::sections(&[section])
+        .with(Part::from(manoeuvres(design, model, &time)))
+        .lines(said)
 }
 
 /// Planned runs with the odds after them, and the manoeuvres that separate two models best.
@@ -84,7 +159,7 @@ fn parameters<'a>(design: &'a Design, time: &str) -> Rows<&'a Outlook> {
     let mut table = Rows::over(&design.outlook);
     table.name("parameter", |o| o.parameter.clone());
     table.number("value", |o| digits(o.value, 5));
-    table.words("unit", |o| o.unit.clone().unwrap_or_default());
+    table.unit(|o| o.unit.clone());
     table.number("error now", |o| part(o.value, o.now));
     for k in 0..design.steps.len() {
         table.number(&format!("after run {}", k + 1), |o| part(o.value, o.then.get(k).copied().flatten()));

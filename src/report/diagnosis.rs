@@ -5,7 +5,7 @@ use super::section::{Part, Rows, Section, Trust, Verdict as Judged};
 use crate::equations::{Line, lines, shown as set};
 use crate::page::columns::{Column, Columns};
 use crate::page::figure::{Figure, Look, Mark, Panel, Shape};
-use crate::page::number::{bracketed, unit_of_frequency};
+use crate::page::number::{behind, bracketed, unit_of_frequency};
 use crate::page::subject::Subject;
 use crate::page::thinning::Kept;
 use crate::text;
@@ -131,9 +131,9 @@ fn lacks(found: &DiagnosisDocument) -> impl Iterator<Item = &str> {
 /// What is wrong, where, and what it could be; `time` is the unit of time.
 fn wrong(found: &DiagnosisDocument, time: &str) -> Section {
     let of_output = |(k, m): (usize, &LackOfFit)| {
-        let unit = m.unit.as_deref().unwrap_or_default();
+        let unit = behind(m.unit.as_deref());
         let (rms, level) = (digits(m.rms, 3), digits(m.noise_level, 3));
-        let heading = format!("`{}`: {rms} {unit} where noise would leave {level} {unit}", m.output);
+        let heading = format!("`{}`: {rms}{unit} where noise would leave {level}{unit}", m.output);
         let parts = [Part::Heading(heading), Part::List(m.sentences.clone()), Part::Pair(of_lack_of_fit(k, m, time))];
         parts.map(Part::on_page)
     };
@@ -337,7 +337,9 @@ fn joined(effects: &[EffectAt]) -> String {
 
 /// Errors over the number of effects.
 fn front_figure(found: &DiagnosisDocument) -> Option<Figure> {
-    let front = &found.front;
+    // along the axis their number rises
+    let mut front: Vec<&FrontModel> = found.front.iter().collect();
+    front.sort_by_key(|m| m.effects.len());
     let of = |error: fn(&FrontModel) -> f64| front.iter().map(|m| 100.0 * error(m)).collect::<Vec<f64>>();
     let mut marks =
         vec![Mark::between("fitted runs", Look::Residual, Shape::Dots, Vec::new(), of(|m| m.error_training))];
@@ -350,7 +352,7 @@ fn front_figure(found: &DiagnosisDocument) -> Option<Figure> {
             "front",
             "error of the written model",
             "number of effects",
-            (0..front.len()).map(|k| k as f64).collect(),
+            front.iter().map(|m| m.effects.len() as f64).collect(),
         )
         .with(Panel::new("part of the error [%]", 150, marks).logarithmic())
         .named(front.iter().map(|m| m.effects.len().to_string()).collect())
@@ -408,7 +410,7 @@ fn gained(found: &DiagnosisDocument) -> Section {
     table.number("RMS before", |o| number(o.rms_before));
     table.number("after", |o| number(o.rms_after));
     table.number("noise", |o| digits(o.noise_level, 3));
-    table.words("unit", |o| o.unit.clone().unwrap_or_default()).on_page();
+    table.unit(|o| o.unit.clone()).on_page();
     table.number("TIC before", |o| fixed(o.tic_before, 4));
     table.number("after", |o| fixed(o.tic_after, 4));
     table.number("R^2 before", |o| fixed(o.r2_before, 4));
@@ -443,13 +445,13 @@ fn overlay(k: usize, o: usize, table: &Columns, time: &Column, output: &Column) 
     let pick = |values: &[f64]| kept.pick(values);
     let unit = bracketed(output.unit.as_deref());
     let marks = vec![
-        Mark::line("measured", Look::Measured, pick(&output.values)),
+        Mark::samples("measured", Look::Measured, pick(&output.values)),
         Mark::line("before", Look::Residual, pick(before)),
         Mark::line("after", Look::Model, pick(after)),
     ];
     let rests = vec![
-        Mark::line("residual before", Look::Residual, pick(&rest_before)),
-        Mark::line("residual after", Look::Model, pick(&rest_after)),
+        Mark::samples("residual before", Look::Residual, pick(&rest_before)),
+        Mark::samples("residual after", Look::Model, pick(&rest_after)),
     ];
     Figure::new(
         format!("overlay-{}-{}", k + 1, o + 1),
@@ -475,7 +477,7 @@ fn moved(found: &DiagnosisDocument) -> Option<Section> {
     table.number("", |b| error(b.before_error));
     table.number("after", |b| digits(b.after, 5));
     table.number("", |b| error(b.after_error));
-    table.words("unit", |b| b.unit.clone().unwrap_or_default()).on_page();
+    table.unit(|b| b.unit.clone()).on_page();
     table.number("moved by", |b| format!("{:.1} standard errors", b.moved.unwrap_or_default()));
     any.then(|| Section::new("moved", "What the missing effect had moved").with(table))
 }

@@ -135,7 +135,7 @@ fn figure(k: usize, finding: &Finding, records: &[Record]) -> Option<Figure> {
         kept.indices().iter().map(|k| if inside(k) { values[*k] } else { f64::NAN }).collect()
     };
     let panel = |label: String, values: &[f64]| {
-        let mut marks = vec![Mark::line("record", Look::Measured, pick(values))];
+        let mut marks = vec![Mark::samples("record", Look::Measured, pick(values))];
         let marked = within(values);
         if marked.iter().any(|v| v.is_finite()) {
             marks.push(Mark::dots("finding", Look::Residual, marked));

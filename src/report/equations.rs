@@ -1,6 +1,7 @@
 //! The model's equations, typeset; beside each what the text says of it.
 
 use super::section::Section;
+use crate::page::number::bracketed;
 use crate::page::subject::Subject;
 use fdm_grammar::Source;
 use fdm_grammar::expand::expand;
@@ -117,9 +118,9 @@ pub(crate) fn lines(tree: &SyntaxTree, source: &Source) -> Vec<Line> {
 
 fn declared(typesetter: &Typesetter<'_>, d: &Declaration) -> Option<Line> {
     let Some(Value::Expr(right)) = d.value else { return None };
-    let unit = d.unit.as_ref().map_or(String::new(), |u| format!("[{}] ", u.text));
+    let unit = bracketed(d.unit.as_ref().map(|u| u.text.as_str()));
     let doc = d.doc.as_ref().map_or("", |d| d.text.as_str());
-    Some(Line { set: typesetter.definition(&d.name.text, right), says: format!("{unit}{doc}").trim().to_string() })
+    Some(Line { set: typesetter.definition(&d.name.text, right), says: format!("{unit} {doc}").trim().to_string() })
 }
 
 #[cfg(test)]

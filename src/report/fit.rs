@@ -1,7 +1,7 @@
 //! A fit: how it ended and whether it can be trusted, its parameters and residuals, what should not be overlooked, and how it came about.
 
 use super::section::{Part, Point, Section, Trust, Verdict, capital};
-use crate::page::number::{shown, text as number};
+use crate::page::number::{behind, shown, text as number};
 use crate::{parameters, remarks, residuals, text};
 use fdm_estimate::Estimate;
 use fdm_results::documents::{About, FitDocument, OutputDocument, Remark, Terminated, estimate_remarks};
@@ -140,7 +140,7 @@ pub(crate) fn facts(fit: &FitDocument) -> Option<String> {
         worst.name,
         number(100.0 * r2, 4),
         shown(worst.rms, 3),
-        worst.unit.as_ref().map_or(String::new(), |u| format!(" {u}")),
+        behind(worst.unit.as_deref()),
     ))
 }
 

@@ -127,11 +127,11 @@ pub(crate) fn figure(k: usize, p: &Pair, unit: &str) -> Figure {
         Panel::new(label, 130, vec![bars, model, dots])
     };
     let coherence = Mark::line("coherence", Look::Input, p.coherence.clone());
-    let (degrees, model_degrees) = continued(&p.degrees, &p.model_degrees);
+    let (degrees, model_degrees) = continued(p);
     Figure::new(
         format!("response-{}", k + 1),
         format!("{}/{}: cost {}", p.output, p.input, shown(p.cost, 3)),
-        format!("frequency [{unit}], × 2π in rad"),
+        format!("frequency [{unit}]"),
         p.frequency.clone(),
     )
     .in_group("responses")
@@ -143,10 +143,10 @@ pub(crate) fn figure(k: usize, p: &Pair, unit: &str) -> Figure {
 }
 
 /// Measured degrees without jumps of a whole turn, and those of the model nearest to them.
-fn continued(measured: &[f64], modelled: &[f64]) -> (Vec<f64>, Vec<f64>) {
-    let smooth = unwrapped(measured.iter().copied());
+fn continued(p: &Pair) -> (Vec<f64>, Vec<f64>) {
+    let smooth = unwrapped(p.degrees.iter().copied().zip(p.coherence.iter().copied()));
     let nearest = |(v, to): (&f64, &f64)| v + 360.0 * ((to - v) / 360.0).round();
-    let own = modelled.iter().zip(&smooth).map(nearest).collect();
+    let own = p.model_degrees.iter().zip(&smooth).map(nearest).collect();
     (smooth, own)
 }
 

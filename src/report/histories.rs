@@ -3,7 +3,7 @@
 use super::section::{Part, Section};
 use crate::page::columns::{Column, Columns};
 use crate::page::figure::{Figure, Look, Mark, Panel, Shape};
-use crate::page::number::{bracketed, shown};
+use crate::page::number::{behind, bracketed, shown};
 use crate::page::subject::Subject;
 use crate::page::thinning::Kept;
 
@@ -70,16 +70,17 @@ fn overlay(id: &str, k: usize, caption: String, table: &Columns, [time, output]:
     let pick = |values: &[f64]| kept.pick(values);
     let unit = bracketed(output.unit.as_deref());
     let mut marks = Vec::new();
-    for (kind, name) in [("measured_", "95 % of measurements"), ("", "95 % of the response")] {
+    for (kind, name, look) in
+        [("measured_", "95 % of measurements", Look::Bound), ("", "95 % of the response", Look::Model)]
+    {
         let (low, high) = (other(&format!("{kind}low")), other(&format!("{kind}high")));
         if !low.is_empty() && !high.is_empty() {
-            let shape = Shape::Band;
-            marks.push(Mark { name: name.into(), look: Look::Model, shape, values: pick(high), low: pick(low) });
+            marks.push(Mark::between(name, look, Shape::Band, pick(low), pick(high)));
         }
     }
-    marks.push(Mark::line("measured", Look::Measured, pick(&output.values)));
+    marks.push(Mark::samples("measured", Look::Measured, pick(&output.values)));
     marks.push(Mark::line("model", Look::Model, pick(model)));
-    let residual = vec![Mark::line("measured − model", Look::Residual, pick(residual))];
+    let residual = vec![Mark::samples("measured − model", Look::Residual, pick(residual))];
     Figure::new(id, caption, label(time), pick(&time.values))
         .in_group(format!("run-{k}"))
         .with(Panel::new(format!("{}{unit}", output.name), 210, marks))
@@ -112,7 +113,7 @@ fn label(time: &Column) -> String {
 fn caption(subject: &Subject, run: &str, output: &Column) -> String {
     let found = subject.outputs().iter().find(|o| o.name == output.name && o.run == run);
     let Some(found) = found else { return output.name.clone() };
-    let unit = output.unit.as_ref().map_or(String::new(), |u| format!(" {u}"));
+    let unit = behind(output.unit.as_deref());
     format!(
         "{}: RMS of the residual {}{unit}, R² {}, TIC {}",
         output.name,

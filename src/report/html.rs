@@ -1,12 +1,14 @@
 //! Reports as pages: one file that asks for no other, its sections with tables, figures and links between them.
 
-use super::page::figure::Figure;
+use super::page::number::unit;
 use super::section::{Cell, Column, Kind, Mark, Medium, Part, Point, Report, Section, Table, Trust, Verdict};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use sha2::{Digest, Sha256};
 
 const STYLE: &str = include_str!("page/page.css");
 const SCRIPT: &str = include_str!("page/figure.js");
+/// The table by which browsers place indices, fractions and roots, for machines without a math font.
+const MATHEMATICS: &[u8] = include_bytes!("page/mathematics.ttf");
 /// Points that stand at the top.
 const FIRST: usize = 4;
 
@@ -24,7 +26,7 @@ pub(crate) fn page(report: &Report) -> String {
                 meta name="generator" content={ "fdm " (env!("CARGO_PKG_VERSION")) };
                 link rel="icon" href="data:,";
                 title { (title) }
-                style { (PreEscaped(STYLE)) }
+                style { (PreEscaped(face())) (PreEscaped(STYLE)) }
             }
             body {
                 header {
@@ -51,6 +53,12 @@ pub(crate) fn page(report: &Report) -> String {
         }
     };
     markup.into_string()
+}
+
+/// The font of what formulas need beside letters.
+fn face() -> String {
+    let font = base64(MATHEMATICS);
+    format!("@font-face {{ font-family: \"fdm mathematics\"; src: url(data:font/ttf;base64,{font}); }}\n")
 }
 
 /// Links lead to the sections that the page has.
@@ -111,7 +119,7 @@ fn part(part: &Part) -> Markup {
         Part::List(items) => html! { @if !items.is_empty() { ul { @for item in items { li { (quoted(item)) } } } } },
         Part::Table(own) => table(own),
         Part::Figure(figure) => figure.markup(),
-        Part::Pair(figures) => html! { div.pair { @for figure in figures { (Figure::markup(figure)) } } },
+        Part::Pair(figures) => html! { div.pair { @for figure in figures { (figure.clone().half().markup()) } } },
         Part::Folded { summary, open, class, parts: inside } => html! {
             details class=[Some(*class).filter(|c| !c.is_empty())] open[*open] { summary { (summary) } (parts(inside)) }
         },
@@ -122,7 +130,7 @@ fn part(part: &Part) -> Markup {
 }
 
 fn table(table: &Table) -> Markup {
-    let columns: Vec<&Column> = table.columns.iter().filter(|c| c.only != Some(Medium::Text)).collect();
+    let columns: Vec<&Column> = table.columns.iter().filter(|c| c.only != Some(Medium::Text) && !is_void(c)).collect();
     html! {
         @if let Some(caption) = &table.caption { p { (quoted(caption)) } }
         div.scroll { table class=[Some(table.class).filter(|c| !c.is_empty())] {
@@ -132,6 +140,12 @@ fn table(table: &Table) -> Markup {
             tbody { @for row in 0..table.rows { tr { @for c in &columns { (cell(c.kind, &c.cells[row])) } } } }
         } }
     }
+}
+
+/// Whether a column of words says nothing at all: width is for what there is to say.
+fn is_void(column: &Column) -> bool {
+    let is_wordy = matches!(column.kind, Kind::Words | Kind::Unit | Kind::Sentence);
+    is_wordy && column.cells.iter().all(|cell| cell.text.is_empty() && cell.markup.is_none())
 }
 
 fn is_number(kind: Kind) -> bool {
@@ -145,6 +159,7 @@ fn cell(kind: Kind, cell: &Cell) -> Markup {
             Kind::Name => th scope="row" { code { (cell.text) } (more(cell)) },
             Kind::Label => th scope="row" { (cell.text) (more(cell)) },
             Kind::Words => td.large[large] { (typeset(&cell.text)) (more(cell)) },
+            Kind::Unit => td { (unit(&cell.text)) (more(cell)) },
             Kind::Sentence => td.reason { (quoted(&cell.text)) (more(cell)) },
             Kind::Number | Kind::Span => td.number.large[large] { (number(&cell.text)) (more(cell)) },
         }
@@ -181,7 +196,7 @@ fn typeset(text: &str) -> String {
 fn policy() -> String {
     let hash = base64(&Sha256::digest(SCRIPT.as_bytes()));
     format!(
-        "default-src 'none'; script-src 'sha256-{hash}'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'"
+        "default-src 'none'; script-src 'sha256-{hash}'; style-src 'unsafe-inline'; img-src data:; font-src data:; base-uri 'none'; form-action 'none'"
     )
 }
 

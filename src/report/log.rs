@@ -30,7 +30,7 @@ pub fn log_fields(log: &LogDocument) -> String {
         true => visible(&field.name).into_owned(),
         false => visible(&format!("{}.{}", topic.name, field.name)).into_owned(),
     });
-    table.words("unit", |(_, f)| f.unit.as_deref().map_or_else(String::new, |u| visible(u).into_owned()));
+    table.unit(|(_, f)| f.unit.as_deref().map(|u| visible(u).into_owned()));
     table.number("least", |(_, f)| number(f.least));
     table.number("greatest", |(_, f)| number(f.greatest));
     table.number("no number", |(_, f)| if f.gaps > 0 { f.gaps.to_string() } else { String::new() });

@@ -10,8 +10,8 @@ use fdm_results::documents::{ModeDocument, ModesDocument, digits};
 use fdm_system::linear::ModeErrors;
 use maud::{Markup, html};
 
-const WIDTH: f64 = 620.0;
-const HEIGHT: f64 = 420.0;
+const WIDTH: f64 = 520.0;
+const HEIGHT: f64 = 360.0;
 const LEFT: f64 = 62.0;
 const RIGHT: f64 = 12.0;
 const TOP: f64 = 10.0;
@@ -44,7 +44,7 @@ pub(crate) fn section(found: &ModesDocument) -> Section {
             "Ellipses are two standard errors, from the covariance of the parameters (corrected for the colour of the residuals where that is known). \
              Rays are damping ratios {rays}."
         );
-        [Part::Markup(map(modes, time).markup("map-of-roots")), Part::Note(note).on_page()]
+        [Part::Markup(map(modes, time).markup()), Part::Note(note).on_page()]
     });
     let infinite = (found.infinite == Some(true))
         .then(|| [Part::Gap, Part::Note("delayed states give infinitely many modes; these are the rightmost".into())]);
@@ -70,7 +70,7 @@ fn dials(modes: &[ModeDocument], time: &str) -> Vec<Part> {
     let note = "A hand is a component of the eigenvector: its angle is the phase, its length the size by decades, from a thousandth in the middle \
                 to one at the rim. Sizes are in the units of the states (below), over that of the state that is named as 1.";
     let more = (more > 0).then(|| Part::Note(format!("{more} more are in the table.")).on_page());
-    let dials = html! { div.pair { @for dial in &dials { (dial.markup("dial")) } } };
+    let dials = html! { div.pair { @for dial in &dials { (dial.markup()) } } };
     let heading = Part::Heading("What the states do in each oscillation".into()).on_page();
     let table = Part::folded("as a table", vec![Part::Markup(shapes::table(modes))]);
     let before = [heading, Part::Note(note.into()).on_page(), Part::Markup(dials)];

@@ -30,7 +30,7 @@ pub(crate) fn table(parameters: &[ParameterEstimate], intervals: bool) -> Rows<(
     if intervals {
         table.span("95 % interval", |(_, p)| interval(p));
     }
-    table.words("unit", |(_, p)| p.unit.clone().unwrap_or_default());
+    table.unit(|(_, p)| p.unit.clone());
     table.words("status", |(_, p)| status(p));
     table
 }
@@ -43,7 +43,10 @@ pub(crate) fn section(subject: &Subject) -> Option<Section> {
         let share = p.error().map(|e| e / p.value.abs()).filter(|s| s.is_finite());
         Cell::drawn(share.map(bar))
     });
-    rows.number("start", |(_, p)| p.start.map_or("-".into(), |v| digits(v, 4)));
+    // regressions begin nowhere
+    if parameters.iter().any(|p| p.start.is_some()) {
+        rows.number("start", |(_, p)| p.start.map_or("-".into(), |v| digits(v, 4)));
+    }
     let partners = subject.fit().map_or(Vec::new(), partners);
     rows.words("correlated with", |(k, _)| partners.get(*k).map_or(String::new(), |all| all.join("; ")));
     let mut table = rows.table();

@@ -4,7 +4,8 @@ use super::section::{Part, Report, Rows, Section, Trust, Verdict};
 use crate::page::Paper;
 use crate::page::drawing::stacked;
 use crate::page::figure::{Figure, Look, Mark, Panel};
-use crate::{html, text};
+use crate::page::number::bracketed;
+use crate::{html, regions, text};
 use fdm_results::documents::profile::{AtBound, End, Profile};
 use fdm_results::documents::{digits, digits_by_error, digits_of_end};
 
@@ -23,12 +24,17 @@ pub fn profile_page(model: &str, profiles: &[Profile]) -> String {
     let rises = Section::new("profiles", "Rise of the cost")
         .line("Where the cost lies on the parabola, the interval by the error is right. The limit is what chance explains in 95 of 100 records.")
         .with(Part::Pair(figures(profiles)));
+    let regions = regions::of_profiles(profiles).map(|picture| {
+        let note = "Shaded: where both true values are in 95 of 100 records, from both profiles (Bates and Watts 1988). Lines: where the best fit \
+                    goes as one of both is moved. Dashed: the interval of each by itself. Pairs with an open interval have no region.";
+        Section::drawn("regions", "Joint confidence regions", picture.markup()).note(note)
+    });
     html::page(&Report {
         kind: "profile likelihood",
         name: model.into(),
         doc: None,
         verdict: verdict(profiles),
-        sections: vec![intervals(profiles), rises],
+        sections: [intervals(profiles), rises].into_iter().chain(regions).collect(),
     })
 }
 
@@ -79,7 +85,7 @@ fn intervals(profiles: &[Profile]) -> Section {
     table.number("below", |p| by_error(p, format!("{:.2}", (p.value - p.ends[0].value()) / p.reach())));
     table.number("above", |p| by_error(p, format!("{:.2}", (p.ends[1].value() - p.value) / p.reach())));
     table.number("refits", |p| p.refits);
-    table.words("unit", |p| p.unit.clone().unwrap_or_default());
+    table.unit(|p| p.unit.clone());
     let said: Vec<String> = profiles.iter().flat_map(remarks).collect();
     let more = said.len().saturating_sub(REMARKS);
     // pages have them below the verdict
@@ -160,7 +166,7 @@ fn figure(k: usize, profile: &Profile) -> Figure {
     let values = profile.points.iter().map(|p| p.value);
     let (low, high) = values.fold((profile.value, profile.value), |(a, b), v| (a.min(v), b.max(v)));
     let top = 1.6 * profile.rise;
-    let unit = profile.unit.as_ref().map_or(String::new(), |u| format!(" [{u}]"));
+    let unit = bracketed(profile.unit.as_deref());
     // the parabola at even places, the cost where it was computed: one axis holds both
     let mut at: Vec<(f64, Option<f64>)> = profile.points.iter().map(|p| (p.value, Some(p.rise.max(0.0)))).collect();
     at.extend((0..=100).map(|k| (low + (high - low) * f64::from(k) / 100.0, None)));

@@ -28,7 +28,7 @@ pub fn recursive_table(found: &BestIterate) -> String {
     table.number("%", |(j, _)| digits(100.0 * best.errors[*j] / best.values[*j].abs(), 2));
     table.number("last", |(j, _)| digits(last.values[*j], 6));
     table.number("all steps", |(j, _)| digits(r.batch[*j], 6));
-    table.words("unit", |(_, p)| p.unit.clone().unwrap_or_default());
+    table.unit(|(_, p)| p.unit.clone());
     let how = match found.criterion {
         Criterion::Simulation => "its simulated error over all records is the least",
         Criterion::OneStep => "its errors from each sample to the next are the least",

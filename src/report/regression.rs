@@ -25,7 +25,7 @@ pub fn regression_table(found: &RegressionDocument) -> String {
 /// The search for the structure of every measured rate.
 pub fn structure_table(structures: &[Structure]) -> String {
     let of = |s: &Structure| {
-        let explained = format!("der({}): R^2 {}", s.state, digits(s.found.r_squared, 5));
+        let explained = format!("{}: R^2 {}", s.equation, digits(s.found.r_squared, 5));
         let mut steps = Rows::over(&s.found.steps);
         steps.words("step", |step| if step.entered { "in" } else { "out" });
         steps.words("candidate", |step| step.candidate.clone());
@@ -148,19 +148,20 @@ fn fitted(fit: &EquationErrorFit) -> Vec<Part> {
         }
     });
     let mut parts: Vec<Part> = explained.map(Part::Line).chain([Part::Gap]).collect();
-    if !fit.parameters.is_empty() {
-        parts.push(parameters(&fit.parameters).into());
+    let all: Vec<&Regressed> = fit.parameters.iter().chain(&fit.biases).collect();
+    if !all.is_empty() {
+        parts.push(parameters(&all).into());
     }
     if fit.components.len() > 1 {
-        parts.push(components(fit).into());
+        parts.push(Part::folded("principal components", vec![components(fit, &all).into()]));
     }
     parts.extend(reason(fit).into_iter().chain(unseen(fit)).map(Part::Line).chain([Part::Gap]));
     parts
 }
 
 /// What each parameter multiplies, and what it is worth.
-fn parameters(all: &[Regressed]) -> Rows<&Regressed> {
-    let mut table = Rows::over(all);
+fn parameters<'a>(all: &[&'a Regressed]) -> Rows<&'a Regressed> {
+    let mut table = Rows::over(all.iter().copied());
     table.name("parameter", |p| name(p));
     table.number("value", |p| digits(p.value, 6));
     table.number("std error", |p| digits(p.standard_error, 3));
@@ -177,19 +178,19 @@ fn parameters(all: &[Regressed]) -> Rows<&Regressed> {
         .number("partial F", |p| digits(p.partial_f, 3))
         .hint("the square of value over error: how much worse the regression is without the term");
     table.number("part of rate", |p| digits(p.significance, 2)).hint("the term's mean size over the rate's");
-    table.words("unit", |p| p.unit.clone().unwrap_or_default());
+    table.unit(|p| p.unit.clone());
     table.words("multiplies", |p| p.columns.join("; "));
     table
 }
 
 /// What so many principal components say.
-fn components(fit: &EquationErrorFit) -> Rows<&Component> {
+fn components<'a>(fit: &'a EquationErrorFit, all: &[&Regressed]) -> Rows<&'a Component> {
     let mut table = Rows::over(&fit.components);
     table.words("components", |c| format!("{}{}", c.count, if c.count == fit.chosen { "*" } else { "" }));
     table.number("singular value", |c| digits(c.singular_value, 3));
     table.number("R^2", |c| digits(c.r_squared, 5));
     table.number("F", |c| digits(c.total_f, 3));
-    for (j, p) in fit.parameters.iter().enumerate() {
+    for (j, p) in all.iter().enumerate() {
         table.span(&format!("{} +- error (F)", name(p)), |c| {
             let (value, error, f) =
                 (digits(c.values[j], 4), digits(c.standard_errors[j], 2), digits(c.partial_f[j], 2));
@@ -219,7 +220,7 @@ fn reason(fit: &EquationErrorFit) -> Option<String> {
 pub(crate) fn sections(subject: &Subject) -> Vec<Section> {
     let Some(found) = subject.regression().filter(|found| !found.fits.is_empty()) else { return Vec::new() };
     let note = "Noise of measured states enters the columns of a regression, which biases its estimates towards zero; output error does not suffer from that.";
-    let regressions = regressions(found).note(note).with_all(component_figures(found));
+    let regressions = regressions(found).note(note).with(Part::Pair(component_figures(found)));
     let drawn = dependence_figures(found, &subject.frequency());
     let tables = [("highest", &found.by_cutoff), ("part", &found.by_length)];
     let tables = tables.into_iter().flat_map(|(at, rows)| depending(at, rows.as_deref().unwrap_or_default())).collect();
@@ -256,8 +257,10 @@ fn component_figures(found: &RegressionDocument) -> Vec<Figure> {
                 "components",
                 column(|c| c.count as f64),
             )
+            .named(all.iter().map(|c| format!("{} of {}", c.count, all.len())).collect())
             .with(panel("R²", false, Look::Model, column(|c| c.r_squared)))
             .with(panel("total error", true, Look::Residual, column(|c| c.total_error)))
+            .half()
         })
     };
     found.fits.iter().enumerate().filter_map(one).collect()

@@ -3,7 +3,7 @@
 
 use super::section::{Cell, Part, Rows, Section};
 use crate::page::figure::{Figure, Look, Mark, Panel, Shape};
-use crate::page::number::{probability, shown, unit_of_frequency};
+use crate::page::number::{behind, probability, shown, unit_of_frequency};
 use crate::page::subject::Subject;
 use crate::text;
 use fdm_estimate::residuals::{InputCorrelation, OutputQuality, TicParts, Whiteness};
@@ -23,7 +23,7 @@ pub(crate) fn table(outputs: &[OutputDocument]) -> Rows<&OutputDocument> {
     table.name("output", |o| o.name.clone());
     table.words("run", |o| o.run.clone());
     table.number("RMS", |o| number(o.rms, 4));
-    table.words("unit", |o| o.unit.clone().unwrap_or_default()).on_page();
+    table.unit(|o| o.unit.clone()).on_page();
     table.number("mean", |o| number(o.mean, 2));
     table.number("R^2", |o| fixed(o.r2, 4));
     table.number("TIC", |o| fixed(o.tic, 4));
@@ -131,7 +131,7 @@ fn spectrum(k: usize, output: &OutputDocument, time: &str) -> Option<Figure> {
 fn histogram(k: usize, output: &OutputDocument) -> Option<Figure> {
     let found = output.distribution.as_ref()?.as_ref()?;
     let counts: Vec<f64> = found.counts.iter().map(|n| *n as f64).collect();
-    let unit = output.unit.as_ref().map_or(String::new(), |u| format!(" {u}"));
+    let unit = behind(output.unit.as_deref());
     let id = format!("residual-histogram-{}", k + 1);
     let zeros = vec![0.0; counts.len()];
     let marks = vec![

@@ -77,7 +77,9 @@ fn pairs<'a>(found: &'a FrequencyResponseEstimate, names: &'a ResponseNames) -> 
             output: &names.outputs[o],
             frequency: found.omega.iter().map(|w| w / TAU).collect(),
             magnitude: response.iter().map(|h| 20.0 * h.norm().log10()).collect(),
-            phase: unwrapped(response.iter().map(|h| h.arg().to_degrees())),
+            phase: unwrapped(
+                response.iter().map(|h| h.arg().to_degrees()).zip(found.partial_coherence[at.clone()].iter().copied()),
+            ),
             coherence: &found.partial_coherence[at.clone()],
             multiple: &found.coherence[o * count..(o + 1) * count],
             error: &found.error[at],
@@ -86,12 +88,12 @@ fn pairs<'a>(found: &'a FrequencyResponseEstimate, names: &'a ResponseNames) -> 
     (0..found.outputs).flat_map(|o| (0..found.inputs).map(move |i| (o, i))).map(|(o, i)| one(o, i)).collect()
 }
 
-/// Angles in degrees, each within half a turn of the last that is a number.
-pub(crate) fn unwrapped(angles: impl Iterator<Item = f64>) -> Vec<f64> {
+/// Angles in degrees with their coherence, each within half a turn of the last before it that is coherent: noise counts no turns.
+pub(crate) fn unwrapped(angles: impl Iterator<Item = (f64, f64)>) -> Vec<f64> {
     let mut last: f64 = 0.0;
-    let continued = |angle: f64| {
+    let continued = |(angle, coherence): (f64, f64)| {
         let near = angle - 360.0 * ((angle - last) / 360.0).round();
-        last = if near.is_finite() { near } else { last };
+        last = if near.is_finite() && coherence >= COHERENT { near } else { last };
         near
     };
     angles.map(continued).collect()
@@ -228,8 +230,12 @@ mod tests {
         for (f, phase) in pairs[0].frequency.iter().zip(&pairs[0].phase) {
             assert!((phase + 0.4 * 360.0 * f).abs() < 1e-9, "{f}: {phase}");
         }
-        let gap = unwrapped([170.0, f64::NAN, -170.0].into_iter());
+        let gap = unwrapped([(170.0, 0.9), (f64::NAN, 0.9), (-170.0, 0.9)].into_iter());
         assert_eq!((gap[0], gap[2]), (170.0, 190.0));
+        // noise that turns and turns leaves what is coherent behind it where it was
+        let noise = (1..40).map(|k| (f64::from(k * 100), 0.1));
+        let through = unwrapped([(-80.0, 0.9)].into_iter().chain(noise).chain([(-90.0, 0.9)]));
+        assert!(through.iter().all(|v| (v + 80.0).abs() <= 180.0) && through.last() == Some(&-90.0), "{through:?}");
     }
 
     #[test]

@@ -4,7 +4,7 @@ use super::section::{Cell, Part, Report, Rows, Section, Trust, Verdict, capital,
 use crate::page::figure::{Figure, Look, Mark, Panel, Shape};
 use crate::page::number::bracketed;
 use crate::page::thinning::Kept;
-use crate::{html, text};
+use crate::{html, regions, text};
 use fdm_results::documents::sample::{ArvizDocument, PredictiveBand, SampleDocument, SampledParameter};
 use fdm_results::documents::{digits, digits_by_error, digits_of_end, with_run};
 
@@ -33,7 +33,11 @@ pub fn sample_page(found: &SampleDocument, draws: &ArvizDocument) -> String {
     let verdict = Verdict::new(trust, sentence(clause(found)))
         .with_facts(format!("{}.", facts(found)))
         .with_points(found.remarks.iter().map(remark), "sampler");
-    let all = [Some(parameters(found)), chains(found, draws), predictions(found, draws), Some(sampler(found))];
+    let pairs = regions::of_draws(found, draws).map(|picture| {
+        let note = "Dashed: the interval of 95 % of each parameter by itself.";
+        Section::drawn("pairs", "Pairs of parameters", picture.markup()).note(note)
+    });
+    let all = [Some(parameters(found)), pairs, chains(found, draws), predictions(found, draws), Some(sampler(found))];
     let sections = all.into_iter().flatten().collect();
     html::page(&Report { kind: "posterior", name: found.model.clone(), doc: None, verdict, sections })
 }
@@ -73,7 +77,7 @@ fn parameters(found: &SampleDocument) -> Section {
     });
     table.number("bulk", |p| count(p.bulk));
     table.number("tail", |p| count(p.tail));
-    table.words("unit", |p| p.unit.clone().filter(|u| u != "1").unwrap_or_default());
+    table.unit(|p| p.unit.clone());
     let note = "R-hat is 1 where the chains agree. Bulk and tail are effective numbers of draws, for the middle and for the ends of the interval.";
     Section::new("parameters", "Parameters").with(table).explained(note)
 }

@@ -234,6 +234,8 @@ pub(crate) enum Kind {
     Label,
     /// Words.
     Words,
+    /// A unit, which pages typeset.
+    Unit,
     /// Whole sentences.
     Sentence,
     /// Numbers, which stand on the right.
@@ -322,6 +324,11 @@ impl<R> Rows<R> {
 
     pub(crate) fn words<C: Into<Cell>>(&mut self, title: &str, cell: impl FnMut(&R) -> C) -> &mut Column {
         self.column(Kind::Words, title, cell)
+    }
+
+    /// Units; a pure number has none.
+    pub(crate) fn unit(&mut self, mut unit: impl FnMut(&R) -> Option<String>) -> &mut Column {
+        self.column(Kind::Unit, "unit", |row| unit(row).filter(|unit| unit != "1").unwrap_or_default())
     }
 
     pub(crate) fn sentence<C: Into<Cell>>(&mut self, title: &str, cell: impl FnMut(&R) -> C) -> &mut Column {

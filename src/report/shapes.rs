@@ -1,15 +1,15 @@
 //! What the states do in a mode: the components of its eigenvector, each as a hand of a dial, its length by decades.
 
-use crate::page::number::text;
+use crate::page::number::{behind, text, unit};
 use crate::page::picture::Picture;
 use fdm_results::documents::{Component, ModeDocument};
 use maud::{Markup, html};
 
 /// Modes whose shapes are drawn.
 const MOST: usize = 12;
-const WIDTH: f64 = 460.0;
-const HEIGHT: f64 = 290.0;
-const RADIUS: f64 = 112.0;
+const WIDTH: f64 = 360.0;
+const HEIGHT: f64 = 230.0;
+const RADIUS: f64 = 84.0;
 /// The centre stands for ten to minus this.
 const DECADES: f64 = 3.0;
 /// Between two names below each other.
@@ -46,7 +46,8 @@ fn picture(k: usize, mode: &ModeDocument, time: &str) -> Option<Picture> {
     if mode.im == 0.0 || all.is_empty() {
         return None;
     }
-    let unit = greatest.unit.as_ref().map_or(String::new(), |u| format!(" in {u}"));
+    let unit =
+        Some(behind(greatest.unit.as_deref())).filter(|u| !u.is_empty()).map_or(String::new(), |u| format!(" in{u}"));
     let caption =
         format!("mode {k}: {} ± {}j 1/{time}; 1 is {}{unit}", text(mode.re, 4), text(mode.im, 4), greatest.state);
     let body = html! { (dial()) @for h in &all { (drawn(h)) } (names(&all)) };
@@ -139,7 +140,7 @@ pub(crate) fn table(modes: &[ModeDocument]) -> Markup {
             thead { tr { th { "state" } th { "unit" } @for k in 0..upper.len() { th.number { "mode " (k + 1) } } } }
             tbody { @for (k, state) in states.iter().enumerate() { tr {
                 th scope="row" { code { (state.state) } }
-                td { (state.unit.as_deref().unwrap_or_default()) }
+                td { (unit(state.unit.as_deref().unwrap_or_default())) }
                 @for m in &upper { td.number { (cell(m, k)) } }
             } } }
         } }

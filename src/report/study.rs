@@ -141,7 +141,7 @@ fn parameters(study: &Study) -> Rows<(usize, &Coverage)> {
     }
     table.name("parameter", |(_, p)| p.subject.name.clone());
     table.runs(|(_, p)| p.subject.run.as_deref());
-    table.words("unit", |(_, p)| p.subject.unit.clone().unwrap_or_default()).on_page();
+    table.unit(|(_, p)| p.subject.unit.clone()).on_page();
     let settled = |p: &Coverage, v: f64| digits(v, digits_by_error(p.subject.truth, p.scatter, 3).unwrap_or(5));
     let finite = |v: f64, text: String| if v.is_finite() { text } else { String::new() };
     table.number("truth", |(_, p)| settled(p, p.subject.truth));

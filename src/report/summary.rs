@@ -73,7 +73,7 @@ fn declarations(model: &Model) -> String {
     let mut table = Rows::over(rows);
     table.words("", |row| row.0.clone());
     table.name("name", |row| row.1.name.clone());
-    table.words("unit", |row| row.1.unit.as_ref().map_or(String::new(), ToString::to_string));
+    table.unit(|row| row.1.unit.as_ref().map(ToString::to_string));
     table.number("start", |row| row.2.clone());
     table.words("known", |row| row.3.clone());
     table.words("meaning", |row| row.1.doc.clone());

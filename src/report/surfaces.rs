@@ -3,7 +3,7 @@
 use super::section::{Part, Section};
 use crate::correlations::shade;
 use crate::page::figure::{Figure, Look, Mark, Panel, Shape};
-use crate::page::number::{bracketed, text, written};
+use crate::page::number::{behind, bracketed, text, written};
 use crate::page::subject::Subject;
 use fdm_estimate::{NodeEstimate, TableAxis, TableEstimate};
 use fdm_results::documents::{digits_by_error, smoothness};
@@ -74,7 +74,7 @@ fn maps(table: &TableEstimate) -> Vec<Map> {
 
 /// `alpha = 0.1 rad`
 fn at(axis: &TableAxis, x: f64) -> String {
-    format!("{} = {}{}", axis.name, written(x), axis.unit.as_ref().map_or(String::new(), |u| format!(" {u}")))
+    format!("{} = {}{}", axis.name, written(x), behind(axis.unit.as_deref()))
 }
 
 fn map(table: &TableEstimate, part: &Map) -> Markup {

@@ -4,7 +4,7 @@ use super::section::{Part, Rows, Section};
 use crate::text;
 use fdm_estimate::residuals::{Baseline, OutputQuality, TicParts, Whiteness};
 use fdm_infer::{Band, LackOfFit, Window};
-use fdm_results::documents::{BandCoverage, OutputDocument, Validation, digits, fixed};
+use fdm_results::documents::{BandCoverage, OutputDocument, Validation, digits, fixed, p_value};
 
 /// Below this part within its 95 % band a measurement is not predicted as well as the fit says.
 const TOO_FEW: f64 = 0.85;
@@ -107,8 +107,7 @@ fn by_frequency<'a>(errors: &'a [LackOfFit], time: &str) -> Rows<(&'a LackOfFit,
 fn colour(white: Option<&Whiteness>) -> String {
     match white.filter(|w| w.p_value.is_finite()) {
         None => "not tested".into(),
-        Some(w) if w.is_white() => format!("white (p {:.2})", w.p_value),
-        Some(w) => format!("coloured (p {:.0e})", w.p_value),
+        Some(w) => format!("{} ({})", if w.is_white() { "white" } else { "coloured" }, p_value(w.p_value)),
     }
 }
 
@@ -184,8 +183,8 @@ mod tests {
         };
         let text = text::table(outputs(&[], &[row("a", 0.5), row("b", 1e-9)]));
         let lines: Vec<&str> = text.lines().map(str::trim).collect();
-        assert!(lines[1].starts_with("fitted  a    y") && lines[1].ends_with("white (p 0.50)"), "{text}");
-        assert!(lines[2].contains("0.7500") && lines[2].ends_with("coloured (p 1e-9)"), "{text}");
+        assert!(lines[1].starts_with("fitted  a    y") && lines[1].ends_with("white (p = 0.500)"), "{text}");
+        assert!(lines[2].contains("0.7500") && lines[2].ends_with("coloured (p = 1e-9)"), "{text}");
         assert_eq!(text::table(outputs(&[], &[])).lines().count(), 1);
     }
 }

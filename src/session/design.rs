@@ -17,7 +17,8 @@ use fdm_lab::design::{
     Asked, Question, Rivals, Separation, Step, between as distinction, design as design_runs, table,
 };
 use fdm_lab::experiment::Amount;
-use fdm_report::{design_table, distinction_table};
+use fdm_report::page::design_page;
+use fdm_report::{Planned, design_table, distinction_table};
 use fdm_results::store::ResultFolder;
 use fdm_system::Model;
 use fdm_system::record::Run;
@@ -68,8 +69,8 @@ pub struct Options {
     /// Write the inputs of the planned runs to this folder, as CSV
     #[arg(long, value_name = "DIR", help_heading = "Result")]
     pub records: Option<PathBuf>,
-    /// Replace other files of the same names in that folder
-    #[arg(long, requires = "records", help_heading = "Result")]
+    /// Replace other files of the same names in that folder, and a page that fdm did not write
+    #[arg(long, help_heading = "Result")]
     pub force: bool,
     /// How long it may work.
     #[command(flatten)]
@@ -85,7 +86,8 @@ impl Options {
     }
 }
 
-/// Designs the next runs of the model or of the result that is named, or those that separate two; the inputs of the planned runs are files.
+/// Designs the next runs of the model or of the result that is named, or those that separate two; the inputs of the planned runs are files, and
+/// so is their page, `page.html`, where it is wanted.
 ///
 /// # Errors
 /// [`Failure`]
@@ -112,10 +114,13 @@ pub fn design(
     let question = asked.question(model, folder, runs)?;
     conduct.progress.say("comparing manoeuvres");
     let found = design_runs(&question, conduct.progress.halt()).map_err(Failure::Input)?;
-    let one = |(k, step): (usize, &Step)| {
-        table(&question, &step.manoeuvre, &run_name(k)).map(|table| (table.file(), table.bytes()))
-    };
-    let files = found.steps.iter().enumerate().filter_map(one).collect();
+    let one = |(k, step): (usize, &Step)| table(&question, &step.manoeuvre, &run_name(k));
+    let tables: Vec<_> = found.steps.iter().enumerate().filter_map(one).collect();
+    let mut files: Vec<NamedFile> = tables.iter().map(|table| (table.file(), table.bytes())).collect();
+    if conduct.wanted.files {
+        let planned: Vec<Planned> = tables.into_iter().map(|table| (table.name, table.columns)).collect();
+        files.push(("page.html".into(), design_page(&found, model, &planned).into_bytes()));
+    }
     let answer = Answer::of(design_table(&found, model), &found, conduct.wanted)?;
     Ok(conduct.ended(Answer { files, ..answer }))
 }

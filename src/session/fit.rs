@@ -14,7 +14,7 @@ use crate::outcome::{Outcome, names};
 use crate::records::Records;
 use crate::regress::UNDETERMINED;
 use crate::session::Session;
-use crate::tables::{csv, histories, title};
+use crate::tables::{course_tables, csv, histories, title};
 use crate::verb::{Given, Verb, Visit, as_one_task};
 use clap::Args;
 use fdm_estimate::residuals::Baseline;
@@ -33,6 +33,7 @@ use fdm_report::{
 use fdm_results::documents::{FitDocument, RegressionDocument, ResultDocument, TimeDomain};
 use fdm_results::store::Identity;
 use fdm_system::Model;
+use fdm_system::record::Run;
 use num_complex::Complex64;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -149,7 +150,7 @@ fn kept(
     let outcome = Outcome {
         fit: found.in_time(),
         spectra: panels(found, &frequencies),
-        tables: files(found),
+        tables: files(found, &session.runs),
         whole: told.whole,
         remarks: remarks_of(found, fit.starts.count),
         ..Outcome::new((found.model(), &session.runs), told.text, told.document, manifest)
@@ -275,7 +276,7 @@ impl Options {
     }
 
     fn told(&self, found: &Identified, chosen: &Chosen, session: &Session, conduct: &Conduct) -> Result<Told, Failure> {
-        let (document, estimate) = match (document(found), found.estimate()) {
+        let (document, estimate) = match (document(found, &session.runs), found.estimate()) {
             (ResultDocument::Fit(document), Some(estimate)) => (document, estimate),
             (mut document, _) => {
                 document.set_records(session.judged.clone());
@@ -400,13 +401,13 @@ fn identity(fit: &FitOptions, session: &Session) -> Identity {
     }
 }
 
-fn document(found: &Identified) -> ResultDocument {
+fn document(found: &Identified, runs: &[Run]) -> ResultDocument {
     match found {
         Identified::OutputError(fit) => FitDocument::of(fit).into(),
         Identified::FilterError(fit) => FitDocument::of_filter(fit).into(),
         Identified::Spectra(fit) => FitDocument::of_spectra(fit).into(),
         Identified::FrequencyResponse(fit) => FitDocument::of_responses(fit).into(),
-        Identified::EquationError { model, regression } => RegressionDocument::of(model.name(), regression).into(),
+        Identified::EquationError { model, regression } => RegressionDocument::of(model, runs, regression).into(),
     }
 }
 
@@ -417,7 +418,8 @@ fn tables(found: &Identified, detail: Detail) -> String {
         Identified::Spectra(fit) => spectral_table(fit, detail),
         Identified::FrequencyResponse(fit) => fitted_response_table(fit, detail),
         Identified::EquationError { regression, .. } => {
-            regression_table(&RegressionDocument::of(found.model().name(), regression))
+            // what is printed says nothing of residuals
+            regression_table(&RegressionDocument::of(found.model(), &[], regression))
         }
     }
 }
@@ -477,8 +479,9 @@ fn panels<'a>(found: &Identified, frequencies: &'a [Vec<f64>]) -> Vec<TimeHistor
 }
 
 /// The spectra of every run, or the response of every pair, as tables.
-fn files(found: &Identified) -> Vec<NamedFile> {
+fn files(found: &Identified, runs: &[Run]) -> Vec<NamedFile> {
     match found {
+        Identified::EquationError { model, regression } => course_tables(model, runs, regression),
         Identified::Spectra(fit) => {
             let table = |run: usize| (format!("spectrum_{}.csv", run + 1), csv(&spectrum_columns(fit, run)));
             (0..fit.spectra.len()).map(table).collect()

@@ -10,13 +10,14 @@ use crate::methods::given;
 use crate::outcome::{Outcome, names};
 use crate::records::Records;
 use crate::session::Session;
+use crate::tables::course_tables;
 use crate::value::{band, number};
 use crate::verb::{Given, Verb};
 use crate::word::one_of;
 use clap::Args;
 use fdm_estimate::equation_error::{
-    Components, Dependence, Detrend, Domain, Limits, Preprocessing, RecursiveOptions, RegressionOptions, Smoothing,
-    by_cutoff, by_length, regress, structure,
+    Components, Dependence, Detrend, Domain, Limits, Preprocessing, RecursiveOptions, RegressionOptions, Search,
+    Smoothing, by_cutoff, by_length, regress, structure,
 };
 use fdm_estimate::{BestOptions, Criterion, Noise, best_iterate, changed};
 use fdm_report::{
@@ -58,11 +59,14 @@ pub struct Options {
     /// Search the structure of every measured rate by stepwise regression among signals, squares and products
     #[arg(long, help_heading = "Regression")]
     stepwise: bool,
+    /// Search it among all products of up to so many signals, made orthogonal, by the predicted squared error
+    #[arg(long, value_name = "ORDER", num_args = 0..=1, default_missing_value = "3", conflicts_with = "stepwise", value_parser = order, help_heading = "Regression", hide_short_help = true)]
+    orthogonal: Option<usize>,
     /// Recursive least squares.
     #[command(flatten)]
     pub recursive: Recursive,
     /// Show how the estimates depend on the highest frequency, and on the part of the records that is used
-    #[arg(long, conflicts_with = "stepwise", help_heading = "Result", hide_short_help = true)]
+    #[arg(long, conflicts_with_all = ["stepwise", "orthogonal"], help_heading = "Result", hide_short_help = true)]
     dependence: bool,
     #[command(flatten)]
     limit: TimeLimit,
@@ -162,8 +166,8 @@ impl Verb for Options {
         if self.recursive.recursive {
             return self.recursive.answer(session, self.detrend, conduct.wanted);
         }
-        if self.stepwise {
-            let found = structure(&session.model, &session.runs, &self.options(), &Limits::default()).or_failure()?;
+        if let Some(search) = self.search() {
+            let found = structure(&session.model, &session.runs, &self.options(), &search).or_failure()?;
             let (text, model) = (structure_table(&found), session.model.name().into());
             return Answer::of(text, &StructureDocument { model, structures: found }, conduct.wanted);
         }
@@ -176,7 +180,7 @@ impl Options {
     fn at_once(&self, session: &Session, conduct: &Conduct) -> Result<Answer, Failure> {
         let (model, runs, options) = (&session.model, &session.runs, self.options());
         let found = regress(model, runs, &options).or_failure()?;
-        let mut document = RegressionDocument::of(model.name(), &found);
+        let mut document = RegressionDocument::of(model, runs, &found);
         let mut text = regression_table(&document);
         document.records.clone_from(&session.judged);
         let halt = conduct.progress.halt();
@@ -196,7 +200,7 @@ impl Options {
         let manifest = session.manifest(Identity::of(model, runs, &options), Noise::Diagonal, conduct.wanted);
         let outcome = Outcome::new((model, runs), text, document.into(), manifest);
         let remarks = if good { Vec::new() } else { vec![UNDETERMINED.into()] };
-        let outcome = Outcome { remarks, ..outcome };
+        let outcome = Outcome { remarks, tables: course_tables(model, runs, &found), ..outcome };
         let answer = Answer { good, ..outcome.answer(conduct.wanted)? };
         Ok(conduct.in_time(answer, "the result is the best so far"))
     }
@@ -213,11 +217,14 @@ impl Options {
                 ("--smooth", self.smooth != Smoothing::default()),
                 ("--components", self.components != Components::default()),
                 ("--stepwise", self.stepwise),
+                ("--orthogonal", self.orthogonal.is_some()),
                 ("--dependence", self.dependence),
             ];
             ([given(&batch), places].concat(), "--recursive", "leave out --recursive")
         } else if self.stepwise {
             ([self.recursive.given(), places].concat(), "--stepwise", "leave out --stepwise")
+        } else if self.orthogonal.is_some() {
+            ([self.recursive.given(), places].concat(), "--orthogonal", "leave out --orthogonal")
         } else {
             (self.recursive.given(), "least squares of all samples at once", "use --recursive")
         };
@@ -228,6 +235,12 @@ impl Options {
                 refused.join(", ")
             )])),
         }
+    }
+
+    /// The search for a structure that was asked for.
+    fn search(&self) -> Option<Search> {
+        let stepwise = self.stepwise.then(|| Search::Stepwise(Limits::default()));
+        stepwise.or_else(|| self.orthogonal.map(|order| Search::Orthogonal { order }))
     }
 
     fn options(&self) -> RegressionOptions {
@@ -259,6 +272,11 @@ fn smoothing(text: &str) -> Result<Smoothing, String> {
         Some(("fourier", cutoff)) => Ok(Smoothing::Fixed { cutoff: number(cutoff)? }),
         _ => Err("expected local, local:POINTS, fourier or fourier:CUTOFF".into()),
     }
+}
+
+fn order(text: &str) -> Result<usize, String> {
+    let found = text.parse().ok().filter(|order| (1..=5).contains(order));
+    found.ok_or_else(|| "expected the number of signals in a product: 1, 2, 3, 4 or 5".into())
 }
 
 fn detrend(text: &str) -> Result<Detrend, String> {

@@ -2,6 +2,7 @@
 
 use crate::answer::NamedFile;
 use crate::bands::edges;
+use fdm_estimate::equation_error::{Along, Course, Regression};
 use fdm_estimate::{Fit, RunFit};
 use fdm_infer::Overlay;
 use fdm_lab::posterior::Bands;
@@ -52,12 +53,8 @@ pub(crate) fn run_tables(fit: &Fit, runs: &[Run], bands: &[Option<Bands>]) -> Ve
 
 fn run_table(fit: &Fit, run: &Run, (response, residuals): (&[f64], &[f64]), bands: Option<&Bands>) -> Vec<u8> {
     let definition = fit.model.definition();
-    let (m, q) = (run.held.len(), definition.outputs.len());
-    let mut columns = vec![("t".to_string(), Some(definition.time.to_string()), run.time.clone())];
-    for (k, input) in definition.inputs.iter().enumerate().take(m) {
-        let unit = input.quantity.unit.as_ref().map(ToString::to_string);
-        columns.push((input.quantity.name.clone(), unit, column(&run.inputs, k, m)));
-    }
+    let q = definition.outputs.len();
+    let mut columns = given(&fit.model, run);
     for (k, output) in definition.outputs.iter().enumerate() {
         let (name, unit) = (&output.quantity.name, output.quantity.unit.as_ref().map(ToString::to_string));
         columns.push((name.clone(), unit.clone(), column(&run.measured, k, q)));
@@ -69,6 +66,61 @@ fn run_table(fit: &Fit, run: &Run, (response, residuals): (&[f64], &[f64]), band
         }
     }
     csv(&columns)
+}
+
+/// Time and inputs of a run.
+fn given(model: &Model, run: &Run) -> Vec<(String, Option<String>, Vec<f64>)> {
+    let (definition, m) = (model.definition(), run.held.len());
+    let mut columns = vec![("t".to_string(), Some(definition.time.to_string()), run.time.clone())];
+    for (k, input) in definition.inputs.iter().enumerate().take(m) {
+        let unit = input.quantity.unit.as_ref().map(ToString::to_string);
+        columns.push((input.quantity.name.clone(), unit, column(&run.inputs, k, m)));
+    }
+    columns
+}
+
+/// Tables of regressions, one for each run: every rate or output beside what is explained of it and the residual, over time or, as real and
+/// imaginary parts, over frequency.
+pub(crate) fn course_tables(model: &Model, runs: &[Run], found: &Regression) -> Vec<NamedFile> {
+    let table = |(k, run): (usize, &Run)| {
+        let own: Vec<&Course> = found.courses.iter().filter(|c| c.run == k).collect();
+        let in_time = own.iter().filter_map(|c| match &c.along {
+            Along::Time { measured, explained } => Some((c, measured, explained)),
+            Along::Frequency { .. } => None,
+        });
+        let mut columns = Vec::new();
+        for (c, measured, explained) in in_time {
+            let residual = measured.iter().zip(explained).map(|(z, y)| z - y).collect();
+            let parts = [("", measured.clone()), ("_model", explained.clone()), ("_residual", residual)];
+            columns.extend(parts.map(|(kind, values)| (format!("{}{kind}", c.equation), c.unit.clone(), values)));
+        }
+        if !columns.is_empty() {
+            return Some((run_file(k, &run.name), csv(&[given(model, run), columns].concat())));
+        }
+        over_frequency(&own).map(|columns| (format!("spectrum_{}.csv", k + 1), csv(&columns)))
+    };
+    runs.iter().enumerate().filter_map(table).collect()
+}
+
+/// Frequency, and of every equation real and imaginary parts; of equations that were compared at other frequencies than the first nothing.
+fn over_frequency(courses: &[&Course]) -> Option<Vec<(String, Option<String>, Vec<f64>)>> {
+    let mut columns: Vec<(String, Option<String>, Vec<f64>)> = Vec::new();
+    for course in courses {
+        let Along::Frequency { frequency, measured, explained } = &course.along else { continue };
+        if columns.is_empty() {
+            columns.push(("frequency".into(), None, frequency.clone()));
+        }
+        if columns[0].2 != *frequency {
+            continue;
+        }
+        for (kind, values) in [("", measured), ("_model", explained)] {
+            let (re, im) = values.split_at(frequency.len());
+            for (part, values) in [("re", re), ("im", im)] {
+                columns.push((format!("{}{kind}_{part}", course.equation), course.unit.clone(), values.to_vec()));
+            }
+        }
+    }
+    (columns.len() > 1).then_some(columns)
 }
 
 /// The table of a run of a diagnosis: time, and of every output what was measured, and the responses before and after.

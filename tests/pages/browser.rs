@@ -295,6 +295,47 @@ fn long_equations_stay_in_their_box() {
     assert!(found["heights"][0].as_f64().unwrap() > 100.0 && found["longest"].as_f64().unwrap() > 500.0, "{found}");
 }
 
+/// Where formulas have their parts: how far each index reaches below its letter, and how far both parts of each fraction keep apart, in parts of a
+/// line; whether each root covers what is below it.
+const PLACED: &str = "await page.fonts.ready; await wait(300);
+  const box = (e) => e.getBoundingClientRect();
+  const line = parseFloat(view.getComputedStyle(page.querySelector('.equations math')).fontSize);
+  return {
+    indices: [...page.querySelectorAll('.equations msub')].map((e) => (box(e.children[1]).bottom - box(e.children[0]).bottom) / line),
+    fractions: [...page.querySelectorAll('.equations mfrac')].map((e) => (box(e.children[1]).top - box(e.children[0]).bottom) / line),
+    roots: [...page.querySelectorAll('.equations msqrt')].map((e) => (box(e.children[0]).top - box(e).top) / line),
+  };";
+
+/// A math font, where the machine has one, and letters about the page's own table: what browsers do without any is seen by leaving that out too.
+#[test]
+#[ignore = "needs Chromium"]
+fn formulas_are_placed_right_with_a_math_font_and_without() {
+    let desk = Desk::new();
+    let model = "model set { input u; state x = free; param k_x = 1 in [0, 50], g = 1; \
+                 let root = sqrt(1 + x^2/(1 + g)); der(x) = -k_x*x/(1 + 0*root) + g*u; output y = x; }";
+    desk.write("model.fdm", model);
+    desk.write("run.csv", record(200));
+    fdm(&desk, &["fit", "model.fdm", "--data", "run.csv", "--zoh", "u", "-q", "--report", "report.html"]);
+    let page = desk.text("report.html");
+    let own = "\"fdm mathematics\", serif;";
+    let named = page.split_once(".equations math {").and_then(|(_, rest)| rest.split_once(own)).unwrap().0;
+    let fonts = named.split_once("font-family: ").unwrap().1;
+    desk.write("without.html", page.replace(&format!("{fonts}{own}"), own));
+    desk.write("nothing.html", page.replace(&format!("{fonts}{own}"), "serif;"));
+    let placed = |name: &str| {
+        let (found, console) = look_at(&desk, name, (1280, 900), PLACED);
+        assert_eq!(console, "");
+        let of = |key: &str| found[key].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect::<Vec<f64>>();
+        let (indices, fractions, roots) = (of("indices"), of("fractions"), of("roots"));
+        println!("{name}: indices {indices:.2?}, fractions {fractions:.2?}, roots {roots:.2?}");
+        assert!(!indices.is_empty() && fractions.len() == 2 && roots.len() == 1, "{found}");
+        let below = indices.iter().all(|v| (0.05..0.6).contains(v));
+        below && fractions.iter().all(|v| *v > 0.02) && roots.iter().all(|v| *v > 0.05)
+    };
+    assert!(placed("report") && placed("without"));
+    println!("without the page's own table: {}", placed("nothing"));
+}
+
 #[test]
 #[ignore = "needs Chromium"]
 fn a_study_with_its_figures_fits_on_a_phone_and_tells_names() {
@@ -344,7 +385,16 @@ const CALM: &str = "await wait(300);
     && e.getBoundingClientRect().right > view.innerWidth + 1);
   const links = [...page.querySelectorAll('a[href^=\"#\"]')].map((a) => a.getAttribute('href').slice(1)).filter((id) => !page.getElementById(id));
   const ids = [...page.querySelectorAll('[id]')].map((e) => e.id);
+  const swatches = (legend) => [...legend.querySelectorAll('.swatch')].map((s) => s.className);
+  const alike = [...page.querySelectorAll('.legend')].filter((l) => new Set(swatches(l)).size < swatches(l).length);
+  const cut = [...page.querySelectorAll('.scroll:not(.canvas) > table:not(.map)')].filter((t) => t.scrollWidth > t.parentElement.clientWidth + 1);
+  const sizes = [...page.querySelectorAll('.canvas svg text.tick')].filter((t) => t.checkVisibility()).map((t) => {
+    const svg = t.ownerSVGElement;
+    return Math.round(10 * parseFloat(view.getComputedStyle(t).fontSize) * svg.getBoundingClientRect().width / svg.viewBox.baseVal.width) / 10;
+  });
+  const units = [...page.querySelectorAll('td, .caption, .says, text.label')].map((e) => e.textContent).filter((t) => /\\[1\\]|\\w\\^\\d/.test(t));
   return {
+    alike: alike.map((l) => l.textContent), cut: cut.map((t) => t.textContent.slice(0, 80)), sizes: [...new Set(sizes)], units,
     language: page.documentElement.lang, title: page.title, heads: page.querySelectorAll('h1').length, mains: page.querySelectorAll('main').length,
     jumps: levels.filter((l, k) => k > 0 && l > levels[k - 1] + 1).length,
     figures: figures.length, unnamed: figures.filter((f) => !named(f) || f.getAttribute('role') !== 'img').map((f) => f.outerHTML.slice(0, 200)),
@@ -400,6 +450,11 @@ fn every_kind_of_page_is_calm_reached_by_keys_and_printed_on_few_sheets() {
                 "tables, links",
             );
             check(found["requests"] == json!([]), "requests");
+            check(found["alike"] == json!([]), "swatches of one look");
+            check(found["units"] == json!([]), "units");
+            let sizes = found["sizes"].as_array().map_or(0, Vec::len);
+            check(sizes <= 1, "labels of several sizes");
+            check(size.0 < 1000 || found["cut"] == json!([]), "tables wider than their box");
             check(found["width"].as_u64().is_some_and(|w| w <= size.0.into()) && found["wide"] == json!([]), "width");
         }
         let (sheets, bytes) = (sheets(&desk, name), fs::metadata(desk.path(&format!("{name}.html"))).unwrap().len());

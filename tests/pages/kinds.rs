@@ -10,7 +10,7 @@ const RESULTS: [&str; 3] = [
     "fit models/ship_roll_decay/model.fdm --data models/ship_roll_decay/run.csv --every 8 --out cubic",
 ];
 /// Name, and the command that makes the page.
-pub(crate) const PAGES: [(&str, &str); 10] = [
+pub(crate) const PAGES: [(&str, &str); 12] = [
     ("fit", "fit models/trex550/coupled.fdm --data models/trex550/first_half.csv"),
     (
         "diagnosis",
@@ -29,6 +29,8 @@ pub(crate) const PAGES: [(&str, &str); 10] = [
     ("comparison", "compare linear cubic"),
     ("spectra", "spectra models/trex550/coupled.fdm --data models/trex550/first_half.csv"),
     ("doctor", "doctor models/trex550/coupled.fdm --data models/trex550/first_half.csv --no-estimated"),
+    ("validation", "validate cubic --data models/ship_roll_decay/run.csv --every 16"),
+    ("design", "design cubic --duration 20 --dt 0.1 --amplitude 1"),
     ("regression", "regress models/trex550/coupled.fdm --data models/trex550/first_half.csv --fix skew --dependence"),
 ];
 

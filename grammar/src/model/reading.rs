@@ -37,6 +37,27 @@ pub fn reading(model: &Model, graph: &mut Graph, state: u32) -> Option<Reading> 
     })
 }
 
+/// The output that shows a state but for a bias that is to be estimated: `slope*state + offset` with a known slope, and an offset in which
+/// free parameters stand, which are told. What follows from it is known up to a constant.
+pub fn biased_reading(model: &Model, graph: &mut Graph, state: u32) -> Option<(Reading, Vec<u32>)> {
+    model.outputs.iter().enumerate().find_map(|(output, o)| {
+        let (slope, offset) = affine(graph, o.expr, state, |_| true)?;
+        let free = |graph: &Graph, e: ExprId| -> Vec<u32> {
+            let below = graph.reachable([e]).into_iter().filter_map(|e| match graph.node(e) {
+                Node::Leaf(Leaf::Param(k)) if !model.params[k as usize].fixed => Some(k),
+                _ => None,
+            });
+            below.collect()
+        };
+        let factor = graph.evaluate(slope, |leaf| match leaf {
+            Leaf::Param(k) => model.params[k as usize].value,
+            _ => f64::NAN,
+        });
+        let known = free(graph, slope).is_empty() && factor != 0.0 && factor.is_finite();
+        known.then(|| (Reading { output, slope, offset }, free(graph, offset)))
+    })
+}
+
 /// An output that would show a state if parameters in it, a bias or a scale, were not to be estimated.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Unsettled {

@@ -11,7 +11,7 @@ use crate::html;
 use crate::section::{Report, Section};
 use crate::{
     confidence, convergence, correlations, diagnosis, equations, histories, margins, modes, parameters, progress,
-    regression, reproduction, residuals, spectral, starts, study, surfaces, validation,
+    regions, regression, reproduction, residuals, spectral, starts, study, surfaces, validation,
 };
 
 /// The whole page; the same subject gives the same text.
@@ -95,7 +95,8 @@ pub fn drawings(subject: &Subject) -> Vec<Drawing> {
     let before = first.into_iter().chain(of_fit.into_iter().flat_map(|of| of(subject)));
     let convergence = convergence::figure(subject).into_iter().chain(confidence::figures(subject));
     let behind = starts::figure(subject.starts()).into_iter().chain(convergence);
-    let pictures = subject.modes().map_or(Vec::new(), modes::pictures).into_iter().map(Drawn::Picture);
+    let regions = subject.fit().and_then(regions::of_fit);
+    let pictures = regions.into_iter().chain(subject.modes().map_or(Vec::new(), modes::pictures)).map(Drawn::Picture);
     let all = before.map(Drawn::Figure).chain(pictures).chain(behind.map(Drawn::Figure));
     all.map(Drawing).collect()
 }

@@ -6,8 +6,8 @@ use super::thinning::kept;
 use maud::{Markup, PreEscaped, html};
 use std::fmt::Write;
 
-/// Of a whole figure, and of one of two beside each other.
-const WIDTHS: [f64; 2] = [760.0, 460.0];
+/// Of a whole figure, and of one of two beside each other: on a sheet both are made as much smaller, so that their labels are equal.
+const WIDTHS: [f64; 2] = [760.0, 370.0];
 const LEFT: f64 = 66.0;
 const RIGHT: f64 = 10.0;
 const TOP: f64 = 8.0;
@@ -67,7 +67,7 @@ impl Frame {
 pub(crate) fn svg(figure: &Figure) -> Markup {
     let (width, height) = size(figure);
     html! {
-        svg viewBox={ "0 0 " (width) " " (height) } role="img" aria-label=(figure.caption) { (body(figure, width, height)) }
+        svg viewBox={ "0 0 " (width) " " (height) } width=(width) height=(height) role="img" aria-label=(figure.caption) { (body(figure, width, height)) }
     }
 }
 
@@ -158,7 +158,7 @@ fn body(figure: &Figure, width: f64, height: f64) -> Markup {
     html! {
         @for (panel, frame) in figure.panels.iter().zip(&frames) { (drawn(figure, panel, frame)) }
         @if let Some(frame) = frames.last() {
-            @for (v, label) in x.ticks(across(figure, &x, width)) {
+            @for (v, label) in across(figure, &x, width) {
                 text.tick x=(tenth(frame.across(v))) y=(tenth(frame.top + frame.height + 15.0)) text-anchor="middle" { (label) }
             }
             text.label x=(tenth((LEFT + width - RIGHT) / 2.0)) y=(tenth(height - 6.0)) text-anchor="middle" { (figure.label) }
@@ -166,17 +166,23 @@ fn body(figure: &Figure, width: f64, height: f64) -> Markup {
     }
 }
 
-/// How many ticks an axis across has room for; one of things has none between them.
-fn across(figure: &Figure, x: &Scale, width: f64) -> usize {
+/// The ticks of the axis across: the names of things where there is room for all, else round numbers, of things none between them.
+fn across(figure: &Figure, x: &Scale, width: f64) -> Vec<(f64, String)> {
+    let longest = figure.names.iter().map(|name| name.chars().count()).max();
+    // letters are seven pixels wide at most, and two keep names apart
+    if longest.is_some_and(|longest| (7 * (longest + 2) * figure.names.len()) as f64 <= width - LEFT - RIGHT) {
+        return figure.at.iter().copied().zip(figure.names.iter().cloned()).collect();
+    }
     let room = (width / 95.0) as usize;
-    if figure.names.is_empty() || x.logarithmic { room } else { room.min((x.high - x.low) as usize).max(1) }
+    let numbers = figure.names.is_empty() || x.logarithmic;
+    x.ticks(if numbers { room } else { room.min((x.high - x.low) as usize).max(1) })
 }
 
 fn drawn(figure: &Figure, panel: &Panel, frame: &Frame) -> Markup {
     let (right, bottom) = (frame.width - RIGHT, frame.top + frame.height);
     let middle = tenth(frame.top + frame.height / 2.0);
     html! {
-        @for (v, _) in frame.x.ticks(across(figure, &frame.x, frame.width)) {
+        @for (v, _) in across(figure, &frame.x, frame.width) {
             line.grid x1=(tenth(frame.across(v))) x2=(tenth(frame.across(v))) y1=(tenth(frame.top)) y2=(tenth(bottom)) {}
         }
         @for (v, label) in frame.y.ticks((panel.height / 30) as usize) {

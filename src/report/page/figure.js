@@ -78,6 +78,16 @@
     return found;
   };
 
+  // The names of things where there is room for all, else round numbers, of things none between them.
+  const across = (data, x, width) => {
+    const names = data.names;
+    if (names && 7 * (Math.max(...names.map((n) => n.length)) + 2) * names.length <= width - MARGIN.left - MARGIN.right) {
+      return data.at.map((v, k) => [v, names[k]]).filter(([v]) => v >= x.low && v <= x.high);
+    }
+    const room = Math.floor(width / 95);
+    return ticks(x, names && !data.logarithmic ? Math.max(1, Math.min(room, Math.floor(x.high - x.low))) : room);
+  };
+
   // Drawing
 
   const path = (figure, values, x, y, from, to) => {
@@ -143,19 +153,20 @@
     return low;
   };
 
-  const draw = (figure) => {
-    const width = Math.max(240, Math.floor(figure.canvas.clientWidth));
+  const draw = (figure, own) => {
+    const width = own ?? Math.max(240, Math.floor(figure.canvas.clientWidth));
     const data = figure.data;
     const [low, high] = figure.group.view || figure.whole;
     const x = scale(low, high, data.logarithmic, MARGIN.left, width - MARGIN.right);
-    // an axis of things has no ticks between them
-    const room = Math.floor(width / 95), many = data.names && !data.logarithmic ? Math.max(1, Math.min(room, Math.floor(high - low))) : room;
+    const marked = across(data, x, width);
     const from = Math.max(0, search(figure.at, low) - 1), to = Math.min(figure.at.length, search(figure.at, high) + 2);
     let top = MARGIN.top;
     const height = data.panels.reduce((sum, p) => sum + p.height + MARGIN.gap, MARGIN.top - MARGIN.gap + MARGIN.bottom);
     const svg = figure.svg;
     svg.replaceChildren();
     svg.setAttribute("viewBox", "0 0 " + width + " " + height);
+    svg.setAttribute("width", width);
+    svg.setAttribute("height", height);
     figure.frames = data.panels.map((panel, k) => {
       const values = [];
       for (const m of panel.marks) {
@@ -169,7 +180,7 @@
       const clip = figure.id + "-clip-" + k;
       const box = { x: MARGIN.left, y: top, width: width - MARGIN.right - MARGIN.left, height: panel.height };
       element("rect", box, element("clipPath", { id: clip }, svg));
-      for (const [v] of ticks(x, many)) {
+      for (const [v] of marked) {
         const at = x.place(v).toFixed(1);
         element("line", { class: "grid", x1: at, x2: at, y1: top, y2: frame.bottom }, svg);
       }
@@ -187,7 +198,7 @@
       return frame;
     });
     const bottom = height - MARGIN.bottom;
-    for (const [v, text] of ticks(x, many)) written(svg, x.place(v), bottom + 15, text, { class: "tick", "text-anchor": "middle" });
+    for (const [v, text] of marked) written(svg, x.place(v), bottom + 15, text, { class: "tick", "text-anchor": "middle" });
     written(svg, (MARGIN.left + width - MARGIN.right) / 2, height - 6, data.label, { class: "label", "text-anchor": "middle" });
     figure.over = element("g", { "pointer-events": "none" }, svg);
     svg.setAttribute("data-low", low);
@@ -341,7 +352,7 @@
     if (!groups.has(name)) groups.set(name, { members: [], view: null });
     const figure = {
       id: holder.id, data, at: data.at, svg, canvas: holder.querySelector(".canvas"), readout: holder.querySelector(".readout"),
-      group: groups.get(name), drawn: false, chosen: null, whole: around(data.at, data.margin, data.logarithmic),
+      group: groups.get(name), drawn: false, paper: svg.viewBox.baseVal.width, chosen: null, whole: around(data.at, data.margin, data.logarithmic),
     };
     figure.group.members.push(figure);
     figures.push(figure);
@@ -365,9 +376,13 @@
     for (const figure of figures) if (figure.canvas.clientWidth && Math.floor(figure.canvas.clientWidth) !== figure.width) draw(figure);
   }).observe(document.body);
 
-  // Paper shows everything; the switch between light and dark
+  // Paper shows everything, as wide as it was drawn for paper; the switch between light and dark
 
-  addEventListener("beforeprint", () => document.querySelectorAll("details.run").forEach((d) => { d.open = true; }));
+  addEventListener("beforeprint", () => {
+    document.querySelectorAll("details.run").forEach((d) => { d.open = true; });
+    figures.forEach((figure) => draw(figure, figure.paper));
+  });
+  addEventListener("afterprint", () => figures.forEach((figure) => draw(figure)));
   const root = document.documentElement, button = document.getElementById("theme");
   button.hidden = false;
   button.addEventListener("click", () => {

@@ -3,6 +3,9 @@
 use maud::{Markup, PreEscaped, html};
 use serde::Serialize;
 
+/// Fewer samples than this are seen one by one on paper: they are seven dots' widths apart.
+const FEW: usize = 60;
+
 /// A figure.
 #[derive(Debug, Clone)]
 pub(crate) struct Figure {
@@ -86,6 +89,12 @@ impl Look {
 }
 
 impl Shape {
+    /// Whether a swatch of one is that of the other.
+    fn is_like(self, other: Self) -> bool {
+        let strokes = |shape| matches!(shape, Self::Line | Self::Stems | Self::Bars);
+        self == other || strokes(self) && strokes(other)
+    }
+
     fn word(self) -> &'static str {
         match self {
             Self::Line => "line",
@@ -102,6 +111,14 @@ impl Mark {
     /// A line.
     pub(crate) fn line(name: &str, look: Look, values: Vec<f64>) -> Self {
         Self { name: name.into(), look, shape: Shape::Line, values, low: Vec::new() }
+    }
+
+    /// Samples: a line through many, and dots where they are few, since a line would tell of what was not measured.
+    pub(crate) fn samples(name: &str, look: Look, values: Vec<f64>) -> Self {
+        match values.iter().filter(|v| v.is_finite()).count() {
+            few if few < FEW => Self::dots(name, look, values),
+            _ => Self::line(name, look, values),
+        }
     }
 
     /// A dot at every place.
@@ -194,7 +211,7 @@ impl Figure {
                         }
                     }
                 }
-                div.canvas { (super::drawing::svg(self)) }
+                div.canvas.scroll { (super::drawing::svg(self)) }
                 output.readout { }
                 @if let Some(samples) = self.samples {
                     p.note { "Drawn from " (self.at.len()) " of " (samples) " samples: the extremes of every part of the record." }
@@ -204,12 +221,12 @@ impl Figure {
         }
     }
 
-    /// The marks that need a key: each once, and not those that the axis names already.
+    /// The marks that need a key: each look once, by the name that it has first, and not those that the axis names already.
     pub(crate) fn key(&self) -> Vec<&Mark> {
         let mut found: Vec<&Mark> = Vec::new();
         for panel in &self.panels {
             for mark in panel.marks.iter().filter(|m| !m.name.is_empty() && !panel.label.starts_with(&m.name)) {
-                if !found.iter().any(|m| m.name == mark.name && m.look == mark.look) {
+                if !found.iter().any(|m| m.look == mark.look && m.shape.is_like(mark.shape)) {
                     found.push(mark);
                 }
             }
@@ -310,5 +327,17 @@ mod tests {
         assert!(!text.contains("<!--"));
         let block = text.split("application/json\">").nth(1).and_then(|t| t.split("</script>").next()).unwrap();
         assert_eq!(serde_json::from_str::<serde_json::Value>(block).unwrap()["label"], "\"]}</script><!--");
+    }
+
+    #[test]
+    fn few_samples_are_dots_and_a_key_has_each_look_once() {
+        let shape = |n: usize| Mark::samples("y", Look::Measured, vec![1.0; n]).shape;
+        assert_eq!((shape(16), shape(1600)), (Shape::Dots, Shape::Line));
+        let line = |name: &str, look| Mark::line(name, look, vec![0.0, 1.0]);
+        let figure = Figure::new("a", "", "t", vec![0.0, 1.0])
+            .with(Panel::new("y", 90, vec![line("before", Look::Residual), line("after", Look::Model)]))
+            .with(Panel::new("residual", 90, vec![line("residual before", Look::Residual)]));
+        let names: Vec<&str> = figure.key().iter().map(|m| m.name.as_str()).collect();
+        assert_eq!(names, ["before", "after"]);
     }
 }

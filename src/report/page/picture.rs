@@ -19,12 +19,12 @@ pub(crate) struct Picture {
 
 impl Picture {
     /// As it stands on the page.
-    pub(crate) fn markup(&self, class: &str) -> Markup {
+    pub(crate) fn markup(&self) -> Markup {
         html! {
-            figure class=(class) id=(self.id) {
+            figure id=(self.id) {
                 figcaption { span.caption { (self.caption) } }
-                div.canvas {
-                    svg viewBox={ "0 0 " (self.width) " " (self.height) } role="img" aria-label=(self.caption) { (self.body) }
+                div.canvas.scroll {
+                    svg viewBox={ "0 0 " (self.width) " " (self.height) } width=(self.width) height=(self.height) role="img" aria-label=(self.caption) { (self.body) }
                 }
             }
         }

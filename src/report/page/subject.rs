@@ -199,9 +199,10 @@ impl Subject {
         }
     }
 
-    /// How well outputs are matched in time; none where there is no fit.
+    /// How well outputs are matched in time, or equations of regressions are met.
     pub(crate) fn outputs(&self) -> &[OutputDocument] {
-        self.fit().map_or(&[], FitDocument::outputs_in_time)
+        let equations = || self.regression().map_or(&[][..], |found| &found.outputs);
+        self.fit().map_or_else(equations, FitDocument::outputs_in_time)
     }
 
     /// How well outputs of validation runs were predicted.

@@ -26,6 +26,15 @@ pub fn fixed(value: Option<f64>, decimals: usize) -> String {
     }
 }
 
+/// A probability of chance as sentences say it. What is too small for a number is told by a bound, and never as nothing.
+pub fn p_value(p: f64) -> String {
+    match p {
+        p if p >= 1e-3 => format!("p = {p:.3}"),
+        p if p >= 1e-300 => format!("p = {p:.0e}"),
+        _ => "p < 1e-300".into(),
+    }
+}
+
 /// Significant digits of a value that show two of its error: between `least` and 12; none without an error, or for a value of zero.
 pub fn digits_by_error(value: f64, error: f64, least: usize) -> Option<usize> {
     let ratio = (value / error).abs();
@@ -56,6 +65,12 @@ mod tests {
     fn measures_have_their_decimals_until_they_are_lost() {
         let shown = [Some(0.99954), Some(-59.01239), Some(-2.056_457e72), Some(f64::NAN), None].map(|v| fixed(v, 4));
         assert_eq!(shown, ["0.9995", "-59.0124", "-2.056e72", "-", "-"]);
+    }
+
+    #[test]
+    fn no_probability_is_nothing() {
+        let said = [0.0516, 4e-4, 5e-46, 0.0].map(p_value);
+        assert_eq!(said, ["p = 0.052", "p = 4e-4", "p = 5e-46", "p < 1e-300"]);
     }
 
     #[test]

@@ -34,7 +34,7 @@ pub mod stages;
 pub mod study;
 
 pub use diagnosis::DiagnosisDocument;
-pub use digits::{digits, digits_by_error, digits_of_end, fixed};
+pub use digits::{digits, digits_by_error, digits_of_end, fixed, p_value};
 pub use doctor::{DoctorDocument, JudgedRecords};
 pub use fit::{
     BandCoverage, Evaluations, FitDocument, Integration, Matrix, OutputDocument, StartDocument, Terminated, Validation,

@@ -1,6 +1,7 @@
 //! Equation error: regressions, recursive least squares, and the search for a structure.
 
 use super::doctor::JudgedRecords;
+use super::fit::OutputDocument;
 use super::json::present;
 use super::model::ModesDocument;
 use super::result::KeptParameter;
@@ -8,6 +9,8 @@ use fdm_estimate::equation_error::{
     ChannelNoise, Dependence, Domain, EquationErrorFit, Refusal, Regression, Structure,
 };
 use fdm_estimate::{BestIterate, Criterion, Status};
+use fdm_system::Model;
+use fdm_system::record::Run;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -28,6 +31,9 @@ pub struct RegressionDocument {
     pub kept: Vec<String>,
     /// What smoothing found.
     pub noise: Vec<ChannelNoise>,
+    /// How well every equation is met in every run, and what its residuals say; nothing in the frequency domain.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub outputs: Vec<OutputDocument>,
     /// What was assumed about the records and found in them; left out where that is nothing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub records: Option<JudgedRecords>,
@@ -65,7 +71,7 @@ impl From<&Refusal> for RefusalDocument {
 
 impl RegressionDocument {
     /// Of all regressions of a model.
-    pub fn of(model: &str, regression: &Regression) -> Self {
+    pub fn of(model: &Model, runs: &[Run], regression: &Regression) -> Self {
         let found = regression.fits.iter().flat_map(|f| &f.parameters).map(|p| KeptParameter {
             name: p.name.clone(),
             run: p.run.clone(),
@@ -79,9 +85,13 @@ impl RegressionDocument {
             Domain::Time => "time",
             Domain::Frequency(_) => "frequency",
         };
+        let outputs = regression.quality(model, runs);
+        let unit = |name: &str| regression.courses.iter().find(|c| c.equation == name).and_then(|c| c.unit.clone());
+        let outputs = outputs.iter().map(|q| OutputDocument { unit: unit(&q.fit.name), ..OutputDocument::from(q) });
         Self {
-            model: model.into(),
+            model: model.name().into(),
             parameters: found.collect(),
+            outputs: outputs.collect(),
             domain: domain.into(),
             fits: regression.fits.clone(),
             refused: regression.refused.iter().map(RefusalDocument::from).collect(),

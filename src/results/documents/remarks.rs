@@ -5,7 +5,7 @@
 //! Minima of many starts that are as good as the one that was kept.
 
 use super::BridgeDocument;
-use super::digits::{digits, digits_by_error};
+use super::digits::{digits, digits_by_error, p_value};
 use fdm_estimate::residuals::{Cause, InputCorrelation, NoiseVariation, OutputFit, OutputQuality, Trend};
 use fdm_estimate::{
     Curvature, DoubtedInitial, DoubtedInitials, Estimate, Fit, InputInterpolation, LONG_RUN, MovedParameter,
@@ -653,7 +653,7 @@ fn varying(estimate: &Estimate) -> Vec<String> {
             // a noise model is there, and does not say it all
             false => ": what the model says of the noise is not all of it".into(),
         };
-        Some(format!("{cause} (p = {}){range}{done}", digits(v.p_value, 1)))
+        Some(format!("{cause} ({}){range}{done}", p_value(v.p_value)))
     };
     estimate.noise_variation.iter().filter(|v| v.is_significant()).filter_map(one).collect()
 }

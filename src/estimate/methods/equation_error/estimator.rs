@@ -1,7 +1,7 @@
 //! What a vehicle needs to follow its own parameters in flight: the equations, and by what the recursion is weighed and begun, which
 //! records on the ground have told ([`RecursiveEstimator`]). It takes the same steps as [`recursive()`](super::recursive()).
 
-use super::equations::{Equation, Equations};
+use super::equations::{Equation, Equations, Left};
 use super::error::RegressionError;
 use super::fit::completed;
 use super::recursive::{Filter, Iterate, RecursiveOptions, followed, sized, steps_of};
@@ -121,12 +121,12 @@ impl RecursiveEstimator {
 
     /// The equations in their order.
     pub fn equations(&self) -> Vec<EstimatorEquation> {
-        let one = |(k, e): (usize, &Equation)| EstimatorEquation {
-            name: self.equations.name(self.model.definition(), k),
-            state: e.state,
-            params: e.columns.iter().map(|(param, _)| *param).collect(),
+        let one = |(k, e): (usize, &Equation)| {
+            let Left::Rate(state) = e.left else { return None };
+            let name = self.equations.name(self.model.definition(), k);
+            Some(EstimatorEquation { name, state, params: e.columns.iter().map(|(param, _)| *param).collect() })
         };
-        self.equations.equations.iter().enumerate().map(one).collect()
+        self.equations.equations.iter().enumerate().filter_map(one).collect()
     }
 
     /// Of each equation the known part and its columns, one behind the other; `known` are the parameters themselves.
@@ -213,7 +213,7 @@ impl RecursiveEstimator {
 /// The equations that are regressions.
 fn usable(model: &Model, forgetting: f64) -> Result<Equations, RegressionError> {
     RecursiveOptions { forgetting, ..RecursiveOptions::default() }.check(model)?;
-    let equations = Equations::new(model.definition());
+    let equations = Equations::of_rates(model.definition());
     if equations.equations.is_empty() { Err(RegressionError::NoEquation(equations.refused)) } else { Ok(equations) }
 }
 

@@ -1,12 +1,13 @@
 //! A model and its runs to the regressions of all its equations; and the estimates over the cut-off frequency and over the length of the records, since what
 //! depends on how much of the data is used deserves little confidence.
 
-use super::equations::Equations;
+use super::equations::{Equations, Left};
 use super::error::{Refusal, RegressionError};
 use super::options::{Components, Domain, RegressionOptions, Smoothing};
 use super::principal_components::{Chosen, Component};
 use super::regression::{Block, Group, Solved, Unknown, spread};
-use super::regressors::{Series, Signals, rows};
+use super::regressors::{Places, Series, Signals, rows};
+use crate::residuals::{OutputQuality, residual_quality};
 use fdm_grammar::graph::show;
 use fdm_grammar::op::ExprId;
 use fdm_system::Model;
@@ -27,6 +28,42 @@ pub struct Regression {
     pub kept: Vec<String>,
     /// What smoothing found, when it was by a sine series.
     pub noise: Vec<ChannelNoise>,
+    /// Every equation of every run: what was measured, and what is explained of it.
+    pub courses: Vec<Course>,
+}
+
+/// What was measured of one equation in one run, and what the chosen solution explains, its known part included.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Course {
+    /// `der(x)`, or the output.
+    pub equation: String,
+    /// Its unit, when one was declared.
+    pub unit: Option<String>,
+    /// The run, by index.
+    pub run: usize,
+    /// Along time or over frequency.
+    pub along: Along,
+}
+
+/// Measured and explained values; trends that were taken off are no part of them.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Along {
+    /// At every sample (N); NaN where the equation was not compared.
+    Time {
+        /// What was measured.
+        measured: Vec<f64>,
+        /// What is explained.
+        explained: Vec<f64>,
+    },
+    /// At the frequencies that were compared.
+    Frequency {
+        /// In cycles per unit of time.
+        frequency: Vec<f64>,
+        /// What was measured, all real parts in front of all imaginary ones.
+        measured: Vec<f64>,
+        /// What is explained, likewise.
+        explained: Vec<f64>,
+    },
 }
 
 /// Noise of a measured state.
@@ -51,6 +88,10 @@ pub struct EquationErrorFit {
     pub rows: usize,
     /// Parameters of the chosen solution.
     pub parameters: Vec<Regressed>,
+    /// Constants of equations in which a signal has a bias that is to be estimated, named by their equation; behind the parameters in
+    /// `components`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub biases: Vec<Regressed>,
     /// Parameters whose columns vanish in these data, so that nothing is said about them (constants at frequencies above zero).
     pub not_identifiable: Vec<String>,
     /// The solutions with 1, 2, ... principal components.
@@ -64,11 +105,14 @@ pub struct EquationErrorFit {
 /// How well one equation is met.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 pub struct EquationQuality {
-    /// `der(x)`.
+    /// `der(x)`, or the output.
     pub equation: String,
-    /// Part of the rate's sum of squares that is explained, what is known of it left out.
+    /// Its unit, when one was declared.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unit: Option<String>,
+    /// Part of the left side's sum of squares that is explained, what is known of it left out.
     pub r_squared: f64,
-    /// Root mean square of the residual, in the unit of the rate.
+    /// Root mean square of the residual, in its unit.
     pub rms: f64,
     /// Rows of it.
     pub rows: usize,
@@ -119,7 +163,7 @@ pub fn regress(model: &Model, runs: &[Run], options: &RegressionOptions) -> Resu
         noise.extend(noises(definition, &signals));
     }
     let namer = Namer { definition, equations: &equations, runs: &runs };
-    let mut fits = Vec::new();
+    let (mut fits, mut courses) = (Vec::new(), Vec::new());
     for members in groups(&equations) {
         let own = blocks.iter().filter(|b| members.contains(&b.equation) && !b.rows.left.is_empty()).collect();
         let group = Group::new(own, namer.equations(&members));
@@ -129,6 +173,8 @@ pub fn regress(model: &Model, runs: &[Run], options: &RegressionOptions) -> Resu
             continue;
         }
         let solved = group.solve(&names, options)?;
+        courses
+            .extend(group.blocks.iter().zip(&solved.residuals).map(|(block, residual)| namer.course(block, residual)));
         let fit = namer.fit(&members, &group, solved, options);
         if !fit.is_finite() {
             return Err(RegressionError::NotFinite { equations: group.name });
@@ -147,7 +193,9 @@ pub fn regress(model: &Model, runs: &[Run], options: &RegressionOptions) -> Resu
     let free = definition.params.iter().filter(|p| !p.fixed).map(|p| p.quantity.name.clone());
     let kept = free.filter(|name| !given(name)).collect();
     let refused = std::mem::take(&mut equations.refused);
-    Ok(Regression { domain: options.domain.clone(), fits, refused, kept, noise })
+    courses.sort_by_key(|(place, _)| *place);
+    let courses = courses.into_iter().map(|(_, course)| course).collect();
+    Ok(Regression { domain: options.domain.clone(), fits, refused, kept, noise, courses })
 }
 
 fn check(runs: &[Run], options: &RegressionOptions) -> Result<(), RegressionError> {
@@ -190,13 +238,13 @@ fn equation_blocks(
         let roots: Vec<ExprId> =
             std::iter::once(equation.known).chain(equation.columns.iter().map(|(_, column)| *column)).collect();
         let series = signals.evaluate(definition, &equations.graph, &roots);
-        let Some(state) = &signals.states[equation.state] else { continue };
-        let none = vec![f64::NAN; state.len()];
-        let rate = signals.rates[equation.state].as_ref().unwrap_or(&none);
-        let series = Series { state, rate, known: &series[0], columns: &series[1..] };
-        let own = |param: u32| definition.params[param as usize].per_run.then_some(run);
-        let unknowns = equation.columns.iter().map(|(param, _)| Unknown { param: *param, run: own(*param) }).collect();
-        blocks.push(Block { equation: k, rows: rows(signals.run, &series, options)?, unknowns });
+        let none = vec![f64::NAN; signals.run.len()];
+        let Some(explained) = signals.explained(equation.left, &none) else { continue };
+        let series = Series { explained, known: &series[0], columns: &series[1..] };
+        let of_run = |param: u32| definition.params.get(param as usize).map_or(equation.bias_per_run, |p| p.per_run);
+        let unknown = |param: u32| Unknown { param, run: of_run(param).then_some(run) };
+        let unknowns = equation.columns.iter().map(|(param, _)| unknown(*param)).collect();
+        blocks.push(Block { equation: k, run, rows: rows(signals.run, &series, options)?, unknowns });
     }
     Ok(blocks)
 }
@@ -237,9 +285,57 @@ impl Namer<'_> {
         members.iter().map(|k| self.equation(*k)).collect::<Vec<_>>().join(", ")
     }
 
+    /// The equation whose bias it is; none of a parameter of the model.
+    fn biased(&self, unknown: Unknown) -> Option<usize> {
+        (unknown.param as usize).checked_sub(self.definition.params.len())
+    }
+
+    fn name(&self, unknown: Unknown) -> String {
+        match self.biased(unknown) {
+            Some(k) => format!("bias of {}", self.equation(k)),
+            None => self.definition.params[unknown.param as usize].quantity.name.clone(),
+        }
+    }
+
     fn unknown(&self, unknown: Unknown) -> String {
-        let name = &self.definition.params[unknown.param as usize].quantity.name;
+        let name = self.name(unknown);
         unknown.run.map_or_else(|| name.clone(), |run| format!("{name} ({})", self.runs[run].name))
+    }
+
+    /// The unit of what an equation explains.
+    fn unit(&self, k: usize) -> Option<String> {
+        let unit = match self.equations.equations[k].left {
+            Left::Rate(state) => {
+                self.definition.states[state].quantity.unit.as_ref()?.quotient(&self.definition.time)?
+            }
+            Left::Output(output) => self.definition.outputs[output].quantity.unit.clone()?,
+        };
+        Some(unit.to_string())
+    }
+
+    /// Those of which the data say nothing; that a bias has no part above zero frequency needs no word.
+    fn unseen(&self, group: &Group<'_>) -> Vec<String> {
+        group.unseen.iter().filter(|u| self.biased(**u).is_none()).map(|u| self.unknown(*u)).collect()
+    }
+
+    /// What was measured and explained of a block, with its place among all.
+    fn course(&self, block: &Block, residual: &[f64]) -> ((usize, usize), Course) {
+        let explained: Vec<f64> = block.rows.measured.iter().zip(residual).map(|(z, v)| z - v).collect();
+        let along = match &block.rows.places {
+            Places::Samples(samples) => {
+                let spread = |values: &[f64]| {
+                    let mut whole = vec![f64::NAN; self.runs[block.run].len()];
+                    samples.iter().zip(values).for_each(|(k, v)| whole[*k] = *v);
+                    whole
+                };
+                Along::Time { measured: spread(&block.rows.measured), explained: spread(&explained) }
+            }
+            Places::Frequencies(frequency) => {
+                Along::Frequency { frequency: frequency.clone(), measured: block.rows.measured.clone(), explained }
+            }
+        };
+        let (equation, unit) = (self.equation(block.equation), self.unit(block.equation));
+        ((block.run, block.equation), Course { equation, unit, run: block.run, along })
     }
 
     fn columns(&self, members: &[usize], param: u32) -> Vec<String> {
@@ -255,11 +351,15 @@ impl Namer<'_> {
         EquationErrorFit {
             equations: members
                 .iter()
-                .map(|k| EquationQuality { equation: self.equation(*k), r_squared: 0.0, rms: 0.0, rows: 0 })
+                .map(|k| {
+                    let (equation, unit) = (self.equation(*k), self.unit(*k));
+                    EquationQuality { equation, unit, r_squared: 0.0, rms: 0.0, rows: 0 }
+                })
                 .collect(),
             rows: 0,
             parameters: Vec::new(),
-            not_identifiable: group.unseen.iter().map(|u| self.unknown(*u)).collect(),
+            biases: Vec::new(),
+            not_identifiable: self.unseen(group),
             components: Vec::new(),
             chosen: 0,
             reason: Chosen::All,
@@ -275,11 +375,12 @@ impl Namer<'_> {
     ) -> EquationErrorFit {
         let chosen = &solved.components[solved.chosen - 1];
         let parameter = |(j, unknown): (usize, &Unknown)| {
-            let quantity = &self.definition.params[unknown.param as usize].quantity;
+            let declared = self.definition.params.get(unknown.param as usize).map(|p| p.quantity.unit.as_ref());
+            let of_equation = || self.biased(*unknown).and_then(|k| self.unit(k));
             Regressed {
-                name: quantity.name.clone(),
+                name: self.name(*unknown),
                 run: unknown.run.map(|run| self.runs[run].name.clone()),
-                unit: quantity.unit.as_ref().map(ToString::to_string),
+                unit: declared.map_or_else(of_equation, |unit| unit.map(ToString::to_string)),
                 value: chosen.values[j],
                 standard_error: chosen.standard_errors[j],
                 coloured_error: solved.coloured.as_ref().map(|c| c[j]).filter(|c| c.is_finite()),
@@ -289,7 +390,9 @@ impl Namer<'_> {
                 columns: self.columns(members, unknown.param),
             }
         };
-        let parameters = group.unknowns.iter().enumerate().map(parameter).collect();
+        let mut parameters: Vec<Regressed> = group.unknowns.iter().enumerate().map(parameter).collect();
+        let own = group.unknowns.iter().filter(|u| self.biased(**u).is_none()).count();
+        let biases = parameters.split_off(own);
         let time = options.domain == Domain::Time;
         let quality = |k: &usize| {
             let own = || group.blocks.iter().zip(&solved.residuals).filter(|(b, _)| b.equation == *k);
@@ -299,13 +402,14 @@ impl Namer<'_> {
             let rms = (squares / rows.max(1) as f64).sqrt();
             // of a rate that does not move nothing is explained
             let r_squared = if total > 0.0 { 1.0 - squares / total } else { 0.0 };
-            EquationQuality { equation: self.equation(*k), r_squared, rms, rows }
+            EquationQuality { equation: self.equation(*k), unit: self.unit(*k), r_squared, rms, rows }
         };
         EquationErrorFit {
             equations: members.iter().map(quality).collect(),
             rows: solved.rows,
             parameters,
-            not_identifiable: group.unseen.iter().map(|u| self.unknown(*u)).collect(),
+            biases,
+            not_identifiable: self.unseen(group),
             chosen: solved.chosen,
             reason: solved.reason,
             components: solved.components,
@@ -319,6 +423,32 @@ fn some_or_none(value: f64) -> f64 {
 }
 
 impl Regression {
+    /// How well every equation is met along every run, and what its residuals say; none in the frequency domain. The runs are those that were
+    /// regressed.
+    pub fn quality(&self, model: &Model, runs: &[Run]) -> Vec<OutputQuality> {
+        let inputs = model.definition().inputs.iter().filter(|i| i.is_declared()).map(|i| i.quantity.name.clone());
+        let inputs: Vec<String> = inputs.collect();
+        let one = |course: &Course| {
+            let (run, Along::Time { measured, explained }) = (runs.get(course.run)?, &course.along) else {
+                return None;
+            };
+            let width = run.held.len();
+            let values = |row: &[f64]| row[..inputs.len().min(width)].to_vec();
+            let input_values: Vec<f64> = run.inputs.chunks_exact(width.max(1)).flat_map(values).collect();
+            let found = residual_quality(&crate::residuals::Signals {
+                run: &run.name,
+                time: &run.time,
+                outputs: std::slice::from_ref(&course.equation),
+                measured,
+                response: explained,
+                inputs: &inputs[..inputs.len().min(width)],
+                input_values: &input_values,
+            });
+            found.into_iter().next()
+        };
+        self.courses.iter().filter_map(one).collect()
+    }
+
     /// Whether no equation says anything about a parameter.
     pub fn is_undetermined(&self) -> bool {
         self.fits.iter().all(EquationErrorFit::is_undetermined)
@@ -335,7 +465,8 @@ impl EquationErrorFit {
     /// Whether all estimates are numbers, with errors that are.
     fn is_finite(&self) -> bool {
         let whole = |p: &Regressed| p.value.is_finite() && p.standard_error.is_finite();
-        self.parameters.iter().all(whole) && self.equations.iter().all(|e| e.rms.is_finite() && e.r_squared.is_finite())
+        self.parameters.iter().chain(&self.biases).all(whole)
+            && self.equations.iter().all(|e| e.rms.is_finite() && e.r_squared.is_finite())
     }
 }
 

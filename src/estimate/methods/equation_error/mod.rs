@@ -24,10 +24,11 @@ mod tests;
 pub use error::{Refusal, RegressionError};
 pub use estimator::{EstimatorEquation, ParameterGroup, RecursiveConstants, RecursiveEstimator};
 pub use fit::{
-    ChannelNoise, Dependence, EquationErrorFit, EquationQuality, Regressed, Regression, by_cutoff, by_length, regress,
+    Along, ChannelNoise, Course, Dependence, EquationErrorFit, EquationQuality, Regressed, Regression, by_cutoff,
+    by_length, regress,
 };
 pub use options::{Components, Detrend, Domain, RegressionOptions, Smoothing};
 pub use preprocessing::Preprocessing;
 pub use principal_components::{Chosen, Component};
 pub use recursive::{Iterate, RecursiveEstimates, RecursiveOptions, RecursiveParameter, recursive};
-pub use structure::{Limits, SelectedTerm, Step, Stepwise, Structure, stepwise, structure};
+pub use structure::{Limits, Search, SelectedTerm, Step, Stepwise, Structure, orthogonal, stepwise, structure};

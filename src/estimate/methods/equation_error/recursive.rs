@@ -4,13 +4,13 @@
 //! An equation `x' = known + sum parameter*column` is discretised by its integral over the step from a sample to the next,
 //! `(x(k+1) - x(k))/dt = mean of both ends`, so that it stays linear in its parameters, whatever of them are shared or equal.
 
-use super::equations::Equations;
+use super::equations::{Equations, Left};
 use super::error::{Refusal, RegressionError};
 use super::fit::completed;
 use super::options::RegressionOptions;
 use super::preprocessing::Preprocessing;
 use super::regression::{Block, Group, Unknown};
-use super::regressors::{Rows, Signals};
+use super::regressors::{Places, Rows, Signals};
 use fdm_grammar::op::ExprId;
 use fdm_system::Model;
 use fdm_system::record::Run;
@@ -105,7 +105,7 @@ pub fn recursive(
         return Err(RegressionError::NoRuns);
     }
     let definition = model.definition();
-    let mut equations = Equations::new(definition);
+    let mut equations = Equations::of_rates(definition);
     if equations.equations.is_empty() {
         return Err(RegressionError::NoEquation(equations.refused));
     }
@@ -139,25 +139,17 @@ pub(super) fn sized(
     definition: &fdm_grammar::Model,
     equations: &Equations,
     runs: &[Run],
-) -> Result<(Vec<Stretch>, Vec<Filter>), RegressionError> {
+) -> Result<(Vec<Block>, Vec<Filter>), RegressionError> {
     let mut stretches = Vec::new();
     for (k, run) in runs.iter().enumerate() {
         stretches.extend(steps_of(definition, equations, run, k)?);
     }
     let mut filters = Vec::new();
     for members in super::fit::groups(equations) {
-        let own: Vec<&Stretch> = stretches.iter().filter(|s| members.contains(&s.block.equation)).collect();
+        let own: Vec<&Block> = stretches.iter().filter(|s| members.contains(&s.equation)).collect();
         filters.extend(Filter::new(definition, equations, &own, runs)?);
     }
     Ok((stretches, filters))
-}
-
-/// One equation over the steps of a run.
-pub(super) struct Stretch {
-    run: usize,
-    block: Block,
-    /// The sample at the end of each row's step.
-    samples: Vec<usize>,
 }
 
 /// The steps of a run as rows of all equations.
@@ -166,13 +158,14 @@ pub(super) fn steps_of(
     equations: &Equations,
     run: &Run,
     number: usize,
-) -> Result<Vec<Stretch>, RegressionError> {
+) -> Result<Vec<Block>, RegressionError> {
     let signals = Signals::new(definition, &equations.graph, &equations.readings, run, &at_frequencies())?;
     let mut stretches = Vec::new();
     for (k, equation) in equations.equations.iter().enumerate() {
         let columns = equation.columns.iter().map(|(_, column)| *column);
         let roots: Vec<ExprId> = std::iter::once(equation.known).chain(columns).collect();
-        let Some(state) = &signals.states[equation.state] else { continue };
+        let Left::Rate(state) = equation.left else { continue };
+        let Some(state) = &signals.states[state] else { continue };
         let begin = signals.evaluate_at(definition, &equations.graph, &roots, false);
         let end = signals.evaluate_at(definition, &equations.graph, &roots, true);
         let mean = |series: usize, sample: usize| 0.5 * (begin[series][sample - 1] + end[series][sample]);
@@ -185,11 +178,12 @@ pub(super) fn steps_of(
         let unknowns = equation.columns.iter().map(|(param, _)| Unknown { param: *param, run: own(*param) }).collect();
         let rows = Rows {
             left: samples.iter().map(|s| slope(*s) - mean(0, *s)).collect(),
-            rate: samples.iter().map(|s| slope(*s)).collect(),
+            measured: samples.iter().map(|s| slope(*s)).collect(),
             columns: (1..roots.len()).map(|c| samples.iter().map(|s| mean(c, *s)).collect()).collect(),
+            places: Places::Samples(samples),
             independent: 1.0,
         };
-        stretches.push(Stretch { run: number, block: Block { equation: k, rows, unknowns }, samples });
+        stretches.push(Block { equation: k, run: number, rows, unknowns });
     }
     Ok(stretches)
 }
@@ -231,10 +225,10 @@ impl Filter {
     fn new(
         definition: &fdm_grammar::Model,
         equations: &Equations,
-        own: &[&Stretch],
+        own: &[&Block],
         runs: &[Run],
     ) -> Result<Option<Self>, RegressionError> {
-        let blocks: Vec<&Block> = own.iter().map(|s| &s.block).filter(|b| !b.rows.left.is_empty()).collect();
+        let blocks: Vec<&Block> = own.iter().copied().filter(|b| !b.rows.left.is_empty()).collect();
         let mut names: Vec<String> = blocks.iter().map(|b| equations.name(definition, b.equation)).collect();
         names.dedup();
         let group = Group::new(blocks, names.join(", "));
@@ -260,7 +254,7 @@ impl Filter {
             found.into_iter().map(|(e, sum, count)| (e, (sum / count as f64).sqrt())).collect()
         };
         let square = |v: &[f64]| v.iter().map(|v| v * v).sum::<f64>();
-        let rates = sizes(&|k| square(&group.blocks[k].rows.rate));
+        let rates = sizes(&|k| square(&group.blocks[k].rows.measured));
         let left = sizes(&|k| square(&solved.residuals[k]));
         let over = |(residual, rate): (&(usize, f64), &(usize, f64))| {
             (residual.0, 1.0 / residual.1.max(1e-9 * rate.1).max(f64::MIN_POSITIVE))
@@ -400,7 +394,7 @@ impl Filter {
 }
 
 /// All steps of all runs, one after the other.
-pub(super) fn followed(filters: &mut [Filter], stretches: &[Stretch], runs: &[Run], forgetting: f64) -> Vec<Iterate> {
+pub(super) fn followed(filters: &mut [Filter], stretches: &[Block], runs: &[Run], forgetting: f64) -> Vec<Iterate> {
     let mut next = vec![0usize; stretches.len()];
     let rows: f64 = filters.iter().map(|f| f.rows).sum();
     let mut iterates = Vec::new();
@@ -410,14 +404,14 @@ pub(super) fn followed(filters: &mut [Filter], stretches: &[Stretch], runs: &[Ru
             for filter in filters.iter_mut() {
                 let mut forgotten = false;
                 for (stretch, next) in stretches.iter().zip(&mut next).filter(|(s, _)| s.run == r) {
-                    let mine = stretch.block.unknowns.iter().any(|u| filter.unknowns.contains(u));
-                    if !mine || stretch.samples.get(*next) != Some(&sample) {
+                    let mine = stretch.unknowns.iter().any(|u| filter.unknowns.contains(u));
+                    if !mine || stretch.rows.places.sample(*next) != Some(sample) {
                         continue;
                     }
                     if !std::mem::replace(&mut forgotten, true) {
                         filter.forget(forgetting);
                     }
-                    filter.take(&stretch.block, *next);
+                    filter.take(stretch, *next);
                     *next += 1;
                     moved = true;
                 }

@@ -8,7 +8,7 @@ use super::regressors::Rows;
 use crate::residuals::autocovariance::Lagged;
 use nalgebra::{DMatrix, DVector};
 
-/// A parameter of a regression: shared, or that of one run.
+/// A parameter of a regression, or behind those of the model the bias of an equation: shared, or that of one run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Unknown {
     pub(super) param: u32,
@@ -20,6 +20,8 @@ pub(super) struct Unknown {
 pub(super) struct Block {
     /// Position among the equations.
     pub(super) equation: usize,
+    /// Position among the runs.
+    pub(super) run: usize,
     pub(super) rows: Rows,
     /// What each column belongs to.
     pub(super) unknowns: Vec<Unknown>,
@@ -125,7 +127,7 @@ impl<'a> Group<'a> {
     }
 
     fn reweigh(&self, weights: &mut [Option<f64>], residuals: &[Vec<f64>]) {
-        let left = self.sizes(|b, _| &b.rows.rate, weights.len());
+        let left = self.sizes(|b, _| &b.rows.measured, weights.len());
         let sizes = self.sizes(|_, k| &residuals[k], weights.len());
         for ((weight, size), left) in weights.iter_mut().zip(sizes).zip(left) {
             *weight = size.zip(left).map(|(size, left)| 1.0 / size.max(EXACT * left).max(f64::MIN_POSITIVE));
@@ -197,7 +199,7 @@ impl<'a> Group<'a> {
             for block in &self.blocks {
                 let Some(k) = block.unknowns.iter().position(|u| u == unknown) else { continue };
                 part += size(&block.rows.columns[k]) * weight(weights, block);
-                whole += size(&block.rows.rate) * weight(weights, block);
+                whole += size(&block.rows.measured) * weight(weights, block);
             }
             value.abs() * part / whole
         };

@@ -1,6 +1,7 @@
 //! Rates and regressors of a run: its measured states, their rates and the columns of every equation, as rows at samples or at frequencies.
 
 use super::differentiation::{FEWEST_SAMPLES, Smoothed, derivatives, smooth};
+use super::equations::Left;
 use super::error::RegressionError;
 use super::options::{Domain, RegressionOptions, Smoothing};
 use super::preprocessing::detrend;
@@ -15,6 +16,7 @@ use fdm_system::record::even_grid::EvenGrid;
 use fdm_system::record::{Place, Run};
 use fdm_system::spectrum::{Frequencies, Spectrum, SpectrumOptions};
 use num_complex::Complex64;
+use std::f64::consts::TAU;
 
 /// One run, with the states that are measured.
 #[derive(Debug, Clone)]
@@ -24,6 +26,8 @@ pub(super) struct Signals<'a> {
     pub(super) states: Vec<Option<Vec<f64>>>,
     /// Their rates; none in the frequency domain.
     pub(super) rates: Vec<Option<Vec<f64>>>,
+    /// What is measured of each output that no state is read from (q).
+    pub(super) outputs: Vec<Vec<f64>>,
     /// What the smoothing found about each state.
     pub(super) smoothed: Vec<Option<(f64, f64)>>,
     /// Values of all parameters: those of the model, and what the run brings (`known T0 per run`, `initial(u)`).
@@ -57,11 +61,23 @@ impl<'a> Signals<'a> {
         };
         let states: Vec<Option<Vec<f64>>> = readings.iter().map(|r| r.as_ref().map(read)).collect();
         let none = vec![None; states.len()];
-        let mut signals = Self { run, rates: none, smoothed: vec![None; states.len()], states, theta };
+        let outputs = (0..q).map(|o| run.measured.iter().skip(o).step_by(q).copied().collect()).collect();
+        let mut signals = Self { run, rates: none, smoothed: vec![None; states.len()], states, outputs, theta };
         if options.domain == Domain::Time {
             signals.differentiate(model, options.smoothing)?;
         }
         Ok(signals)
+    }
+
+    /// What an equation explains, `none` standing for a rate that is not known; none of a state that is not measured.
+    pub(super) fn explained<'s>(&'s self, left: Left, none: &'s [f64]) -> Option<Explained<'s>> {
+        match left {
+            Left::Output(output) => Some(Explained::Output(&self.outputs[output])),
+            Left::Rate(state) => {
+                let rate = self.rates[state].as_deref().unwrap_or(none);
+                self.states[state].as_deref().map(|values| Explained::Rate(values, rate))
+            }
+        }
     }
 
     fn differentiate(&mut self, model: &Model, smoothing: Smoothing) -> Result<(), RegressionError> {
@@ -164,20 +180,46 @@ fn bridged(time: &[f64], values: &[f64]) -> Vec<f64> {
 /// One equation in one run. At frequencies every coefficient is two rows, all real parts in front.
 #[derive(Debug, Clone)]
 pub(super) struct Rows {
-    /// Measured rate less what is known of it.
+    /// What was measured less what is known of it.
     pub(super) left: Vec<f64>,
-    /// The measured rate.
-    pub(super) rate: Vec<f64>,
+    /// What was measured: a rate, or an output.
+    pub(super) measured: Vec<f64>,
     pub(super) columns: Vec<Vec<f64>>,
+    /// Places of the rows: samples, or frequencies in cycles per unit of time.
+    pub(super) places: Places,
     /// Part of the rows that are independent: frequencies nearer than one over the record's length repeat each other.
     pub(super) independent: f64,
 }
 
+/// Where rows belong.
+#[derive(Debug, Clone)]
+pub(super) enum Places {
+    Samples(Vec<usize>),
+    Frequencies(Vec<f64>),
+}
+
+impl Places {
+    /// The sample of the k-th row.
+    pub(super) fn sample(&self, k: usize) -> Option<usize> {
+        match self {
+            Self::Samples(samples) => samples.get(k).copied(),
+            Self::Frequencies(_) => None,
+        }
+    }
+}
+
+/// What is explained, over the samples of a run.
+#[derive(Clone, Copy)]
+pub(super) enum Explained<'a> {
+    /// The rate of a state: the state, and its rate, which is not read in the frequency domain.
+    Rate(&'a [f64], &'a [f64]),
+    /// An output.
+    Output(&'a [f64]),
+}
+
 /// Series over the samples of a run that make an equation.
 pub(super) struct Series<'a> {
-    pub(super) state: &'a [f64],
-    /// Its rate; not read in the frequency domain.
-    pub(super) rate: &'a [f64],
+    pub(super) explained: Explained<'a>,
     pub(super) known: &'a [f64],
     pub(super) columns: &'a [Vec<f64>],
 }
@@ -191,8 +233,9 @@ pub(super) fn rows(run: &Run, series: &Series<'_>, options: &RegressionOptions) 
 }
 
 fn at_samples(run: &Run, series: &Series<'_>, options: &RegressionOptions) -> Rows {
+    let (Explained::Rate(_, measured) | Explained::Output(measured)) = series.explained;
     let whole = |k: &usize| {
-        let own = [series.rate[*k], series.known[*k]];
+        let own = [measured[*k], series.known[*k]];
         own.iter().all(|v| !v.is_nan()) && series.columns.iter().all(|c| !c[*k].is_nan())
     };
     let used: Vec<usize> = (0..run.len()).filter(whole).collect();
@@ -203,9 +246,10 @@ fn at_samples(run: &Run, series: &Series<'_>, options: &RegressionOptions) -> Ro
         values
     };
     Rows {
-        left: pick(&|k| series.rate[k] - series.known[k]),
-        rate: pick(&|k| series.rate[k]),
+        left: pick(&|k| measured[k] - series.known[k]),
+        measured: pick(&|k| measured[k]),
         columns: series.columns.iter().map(|c| pick(&|k| c[k])).collect(),
+        places: Places::Samples(used),
         independent: 1.0,
     }
 }
@@ -216,13 +260,15 @@ fn at_frequencies(run: &Run, series: &Series<'_>, choice: &Frequencies) -> Resul
     let channel = |k: usize| &spectrum.outputs[k * count..(k + 1) * count];
     // x'(w) = j w x(w) + e1 x(T - dt/2) - e0 x(-dt/2)
     let ends = [spectrum.output_ends[0][0], spectrum.output_ends[1][0]];
-    let rate: Vec<Complex64> = (0..count)
-        .map(|k| {
-            let [before, behind] = spectrum.end_factors(k);
-            Complex64::new(0.0, spectrum.omega[k]) * channel(0)[k] + behind * ends[1] - before * ends[0]
-        })
-        .collect();
-    let left: Vec<Complex64> = rate.iter().zip(channel(1)).map(|(rate, known)| rate - known).collect();
+    let rate = |k: usize| {
+        let [before, behind] = spectrum.end_factors(k);
+        Complex64::new(0.0, spectrum.omega[k]) * channel(0)[k] + behind * ends[1] - before * ends[0]
+    };
+    let measured: Vec<Complex64> = match series.explained {
+        Explained::Rate(..) => (0..count).map(rate).collect(),
+        Explained::Output(_) => channel(0).to_vec(),
+    };
+    let left: Vec<Complex64> = measured.iter().zip(channel(1)).map(|(measured, known)| measured - known).collect();
     // nothing in a run that does not measure a signal; not where its gaps leave too much in doubt
     let whole = |k: &usize| left[*k].is_finite() && (0..series.columns.len()).all(|c| channel(c + 2)[*k].is_finite());
     let whole: Vec<usize> = (0..count).filter(whole).collect();
@@ -232,18 +278,20 @@ fn at_frequencies(run: &Run, series: &Series<'_>, choice: &Frequencies) -> Resul
     };
     Ok(Rows {
         left: stacked(&left),
-        rate: stacked(&rate),
+        measured: stacked(&measured),
         columns: (0..series.columns.len()).map(|c| stacked(channel(c + 2))).collect(),
+        places: Places::Frequencies(whole.iter().map(|k| spectrum.omega[*k] / TAU).collect()),
         independent: spectrum.independent() / count.max(1) as f64,
     })
 }
 
-/// State, known part and columns as channels of one spectrum.
+/// State or output, known part and columns as channels of one spectrum.
 fn transformed(run: &Run, series: &Series<'_>, choice: &Frequencies) -> Result<Spectrum, RegressionError> {
     let width = 2 + series.columns.len();
+    let (Explained::Rate(first, _) | Explained::Output(first)) = series.explained;
     let mut measured = Vec::with_capacity(run.len() * width);
     for k in 0..run.len() {
-        measured.extend([series.state[k], series.known[k]]);
+        measured.extend([first[k], series.known[k]]);
         measured.extend(series.columns.iter().map(|c| c[k]));
     }
     let channels = Run {

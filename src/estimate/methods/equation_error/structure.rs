@@ -1,6 +1,7 @@
-//! Structure determination by stepwise regression (Klein and Morelli 2006): which candidates explain the rate of a state, by partial F, R^2, PSE and PRESS.
+//! Structure determination (Klein and Morelli 2006): which candidates explain the rate of a state or an output, stepwise by partial F, or by
+//! orthogonal functions up to the least predicted squared error.
 
-use super::equations::Equations;
+use super::equations::{Equations, Left};
 use super::error::RegressionError;
 use super::fit::completed;
 use super::options::{Domain, RegressionOptions};
@@ -9,6 +10,20 @@ use fdm_system::Model;
 use fdm_system::record::Run;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// How a structure is searched.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Search {
+    /// Candidates are signals, their squares, products and `x*abs(x)`; they come and go by partial F.
+    Stepwise(Limits),
+    /// Candidates are all products of signals up to this order. Each is made orthogonal to those before it; the one that explains most comes
+    /// next, until the predicted squared error rises (Morelli 1995; Chen, Billings and Luo 1989).
+    Orthogonal {
+        /// Factors of a product.
+        order: usize,
+    },
+}
 
 /// When a candidate comes in and when it goes.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -79,17 +94,14 @@ pub struct SelectedTerm {
 /// When a candidate has another length than the left side.
 pub fn stepwise(left: &[f64], candidates: &[(String, Vec<f64>)], constant: bool, limits: &Limits) -> Stepwise {
     assert!(candidates.iter().all(|(_, c)| c.len() == left.len()), "candidates of another length");
-    let search = Search::new(left, candidates, constant);
+    let search = Candidates::new(left, candidates, constant);
     let (mut chosen, mut steps): (Vec<usize>, Vec<Step>) = (Vec::new(), Vec::new());
     // a candidate that goes could come again for ever
     let most = 4 * candidates.len();
     while steps.len() < most {
         let before = search.fit(&chosen);
-        let best = (0..candidates.len())
-            .filter(|k| !chosen.contains(k))
-            .filter_map(|k| search.with(&chosen, k).map(|fit| (k, fit)))
-            .max_by(|(_, a), (_, b)| a.last_f().total_cmp(&b.last_f()));
-        let Some((k, fit)) = best else { break };
+        // what explains most of the rest has the largest partial F
+        let Some((k, fit)) = search.next(&chosen) else { break };
         if !(fit.last_f() >= limits.enter && fit.r_squared - before.map_or(0.0, |b| b.r_squared) >= limits.gain) {
             break;
         }
@@ -100,7 +112,29 @@ pub fn stepwise(left: &[f64], candidates: &[(String, Vec<f64>)], constant: bool,
     search.result(chosen, steps)
 }
 
-struct Search<'a> {
+/// Takes the candidates in the order in which their parts that are orthogonal to those before explain most, as long as the predicted
+/// squared error falls; `constant` as in [`stepwise`].
+///
+/// # Panics
+/// When a candidate has another length than the left side.
+pub fn orthogonal(left: &[f64], candidates: &[(String, Vec<f64>)], constant: bool) -> Stepwise {
+    assert!(candidates.iter().all(|(_, c)| c.len() == left.len()), "candidates of another length");
+    let search = Candidates::new(left, candidates, constant);
+    let (mut chosen, mut steps): (Vec<usize>, Vec<Step>) = (Vec::new(), Vec::new());
+    let mut least = search.pse(search.left.norm_squared(), 0);
+    while let Some((k, fit)) = search.next(&chosen) {
+        let step = search.step(k, true, fit.last_f(), &fit);
+        if step.pse >= least {
+            break;
+        }
+        least = step.pse;
+        chosen.push(k);
+        steps.push(step);
+    }
+    search.result(chosen, steps)
+}
+
+struct Candidates<'a> {
     candidates: &'a [(String, Vec<f64>)],
     /// Columns without their mean where there is a constant.
     columns: Vec<DVector<f64>>,
@@ -130,13 +164,34 @@ impl Fit {
 /// A column nearer than this to those in the model is spanned by them.
 const SPANNED: f64 = 1e-9;
 
-impl<'a> Search<'a> {
+impl<'a> Candidates<'a> {
     fn new(left: &[f64], candidates: &'a [(String, Vec<f64>)], constant: bool) -> Self {
         let mean = |v: &[f64]| if constant { v.iter().sum::<f64>() / v.len().max(1) as f64 } else { 0.0 };
         let means: Vec<f64> = candidates.iter().map(|(_, c)| mean(c)).collect();
         let about = |v: &[f64], m: f64| DVector::from_iterator(v.len(), v.iter().map(|v| v - m));
         let columns = candidates.iter().zip(&means).map(|((_, c), m)| about(c, *m)).collect();
         Self { candidates, columns, left: about(left, mean(left)), means, mean: mean(left), constant }
+    }
+
+    /// The candidate whose part that is orthogonal to the chosen ones explains most of what they leave, and the regression with it.
+    fn next(&self, chosen: &[usize]) -> Option<(usize, Fit)> {
+        let basis = (!chosen.is_empty())
+            .then(|| DMatrix::from_fn(self.left.len(), chosen.len(), |i, j| self.columns[chosen[j]][i]).qr().q());
+        let explained = |k: usize| {
+            let column = &self.columns[k];
+            let size = column.norm();
+            let mut own = column.clone();
+            // once more for what rounding left
+            for basis in basis.iter().flat_map(|q| [q, q]) {
+                own -= basis * basis.tr_mul(&own);
+            }
+            let part = own.norm();
+            (size.is_finite() && part > SPANNED * size).then(|| (own.dot(&self.left) / part).powi(2))
+        };
+        let outside = (0..self.columns.len()).filter(|k| !chosen.contains(k));
+        let mut found: Vec<(usize, f64)> = outside.filter_map(|k| Some((k, explained(k)?))).collect();
+        found.sort_by(|a, b| b.1.total_cmp(&a.1));
+        found.into_iter().find_map(|(k, _)| Some((k, self.with(chosen, k)?)))
     }
 
     fn with(&self, chosen: &[usize], k: usize) -> Option<Fit> {
@@ -176,7 +231,6 @@ impl<'a> Search<'a> {
 
     fn step(&self, k: usize, entered: bool, partial_f: f64, fit: &Fit) -> Step {
         let n = self.left.len() as f64;
-        let p = fit.values.len() as f64 + f64::from(u8::from(self.constant));
         let own = if self.constant { 1.0 / n } else { 0.0 };
         let left_out = |(v, h): (&f64, &f64)| (v / (1.0 - h - own).max(f64::EPSILON)).powi(2);
         Step {
@@ -184,9 +238,16 @@ impl<'a> Search<'a> {
             entered,
             partial_f,
             r_squared: fit.r_squared,
-            pse: fit.residual.norm_squared() / n + self.left.norm_squared() / n * p / n,
+            pse: self.pse(fit.residual.norm_squared(), fit.values.len()),
             press: fit.residual.iter().zip(&fit.leverage).map(left_out).sum(),
         }
+    }
+
+    /// Predicted squared error of a regression on so many candidates that leaves a sum of squares.
+    fn pse(&self, rest: f64, candidates: usize) -> f64 {
+        let n = self.left.len().max(1) as f64;
+        let p = (candidates + usize::from(self.constant)) as f64;
+        rest / n + self.left.norm_squared() / n * p / n
     }
 
     fn eliminate(&self, chosen: &mut Vec<usize>, steps: &mut Vec<Step>, limits: &Limits) {
@@ -221,27 +282,27 @@ impl<'a> Search<'a> {
     }
 }
 
-/// What explains the rate of one state.
+/// What explains the rate of one state, or one output.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 pub struct Structure {
-    /// The state.
-    pub state: String,
+    /// `der(x)`, or the output.
+    pub equation: String,
     /// The search.
     pub found: Stepwise,
 }
 
-/// The rate of one state and its candidates, the rows of all runs behind each other.
+/// What is explained and its candidates, the rows of all runs behind each other.
 #[derive(Debug, Clone, Default)]
 struct Table {
     left: Vec<f64>,
     columns: Vec<(String, Vec<f64>)>,
 }
 
-/// More signals than this make so many products that chance finds a structure; then squares and products are left out.
+/// More signals than this make so many products that chance finds a structure; then they stand alone.
 const MOST_SIGNALS: usize = 12;
 
-/// Searches the structure of the rate of every measured state among measured states, declared inputs, their squares, products
-/// and `x*abs(x)`.
+/// Searches the structure of the rate of every measured state, and of every output that shows no state, among measured states and declared
+/// inputs and what the search makes of them.
 ///
 /// # Errors
 /// [`RegressionError`], as [`regress`](super::regress); equations are not looked at.
@@ -249,7 +310,7 @@ pub fn structure(
     model: &Model,
     runs: &[Run],
     options: &RegressionOptions,
-    limits: &Limits,
+    search: &Search,
 ) -> Result<Vec<Structure>, RegressionError> {
     if runs.is_empty() {
         return Err(RegressionError::NoRuns);
@@ -257,21 +318,23 @@ pub fn structure(
     let definition = model.definition();
     let equations = Equations::new(definition);
     let measured: Vec<usize> = (0..definition.states.len()).filter(|k| equations.readings[*k].is_some()).collect();
+    let shows = |o: &usize| equations.readings.iter().flatten().any(|r| r.output == *o);
+    let outputs = (0..definition.outputs.len()).filter(|o| !shows(o));
+    let lefts: Vec<Left> = measured.iter().map(|k| Left::Rate(*k)).chain(outputs.map(Left::Output)).collect();
     if measured.is_empty() {
         return Err(RegressionError::NothingMeasured);
     }
     let runs = completed(definition, runs)?;
-    let mut tables: Vec<Table> = vec![Table::default(); measured.len()];
+    let mut tables: Vec<Table> = vec![Table::default(); lefts.len()];
     for run in &runs {
         let signals = Signals::new(definition, &equations.graph, &equations.readings, run, options)?;
-        let candidates = candidates(definition, &signals, &measured);
+        let candidates = candidates(definition, &signals, &measured, search);
         let (names, series): (Vec<String>, Vec<Vec<f64>>) = candidates.into_iter().unzip();
-        for (k, Table { left, columns }) in measured.iter().zip(&mut tables) {
-            let Some(state) = &signals.states[*k] else { continue };
+        for (explained, Table { left, columns }) in lefts.iter().zip(&mut tables) {
             let none = vec![f64::NAN; run.len()];
-            let rate = signals.rates[*k].as_ref().unwrap_or(&none);
+            let Some(explained) = signals.explained(*explained, &none) else { continue };
             let known = vec![0.0; run.len()];
-            let made = rows(run, &Series { state, rate, known: &known, columns: &series }, options)?;
+            let made = rows(run, &Series { explained, known: &known, columns: &series }, options)?;
             left.extend(made.left);
             if columns.is_empty() {
                 *columns = names.iter().map(|n| (n.clone(), Vec::new())).collect();
@@ -280,14 +343,22 @@ pub fn structure(
         }
     }
     let constant = options.domain == Domain::Time;
-    let one = |(k, Table { left, columns }): (&usize, Table)| Structure {
-        state: definition.states[*k].quantity.name.clone(),
-        found: stepwise(&left, &columns, constant, limits),
+    let one = |(explained, Table { left, columns }): (&Left, Table)| Structure {
+        equation: explained.name(definition),
+        found: match search {
+            Search::Stepwise(limits) => stepwise(&left, &columns, constant, limits),
+            Search::Orthogonal { .. } => orthogonal(&left, &columns, constant),
+        },
     };
-    Ok(measured.iter().zip(tables).map(one).collect())
+    Ok(lefts.iter().zip(tables).filter(|(_, table)| !table.left.is_empty()).map(one).collect())
 }
 
-fn candidates(definition: &fdm_grammar::Model, signals: &Signals<'_>, measured: &[usize]) -> Vec<(String, Vec<f64>)> {
+fn candidates(
+    definition: &fdm_grammar::Model,
+    signals: &Signals<'_>,
+    measured: &[usize],
+    search: &Search,
+) -> Vec<(String, Vec<f64>)> {
     let m = signals.run.held.len();
     let states = measured.iter().filter_map(|k| {
         let values = signals.states[*k].clone()?;
@@ -301,6 +372,9 @@ fn candidates(definition: &fdm_grammar::Model, signals: &Signals<'_>, measured: 
     if count > MOST_SIGNALS {
         return all;
     }
+    if let Search::Orthogonal { order } = search {
+        return products(&all, *order);
+    }
     for a in 0..count {
         for b in a..count {
             let product = all[a].1.iter().zip(&all[b].1).map(|(x, y)| x * y).collect();
@@ -311,4 +385,33 @@ fn candidates(definition: &fdm_grammar::Model, signals: &Signals<'_>, measured: 
         all.push((format!("{0}*abs({0})", all[a].0), sized));
     }
     all
+}
+
+/// All products of at most so many signals, a signal as often as it comes.
+pub(super) fn products(signals: &[(String, Vec<f64>)], order: usize) -> Vec<(String, Vec<f64>)> {
+    // places of the factors, rising, with their product
+    let mut last: Vec<(Vec<usize>, Vec<f64>)> =
+        signals.iter().enumerate().map(|(k, s)| (vec![k], s.1.clone())).collect();
+    let mut all = last.clone();
+    for _ in 1..order {
+        let longer = last.iter().flat_map(|(factors, product)| {
+            let from = factors.last().copied().unwrap_or(0);
+            (from..signals.len()).map(move |k| {
+                let values = product.iter().zip(&signals[k].1).map(|(a, b)| a * b).collect();
+                (factors.iter().copied().chain([k]).collect::<Vec<_>>(), values)
+            })
+        });
+        last = longer.collect();
+        all.extend(last.iter().cloned());
+    }
+    let named = |factors: &[usize]| {
+        let mut powers: BTreeMap<usize, usize> = BTreeMap::new();
+        factors.iter().for_each(|k| *powers.entry(*k).or_default() += 1);
+        let factor = |(k, n): (&usize, &usize)| match n {
+            1 => signals[*k].0.clone(),
+            n => format!("{}^{n}", signals[*k].0),
+        };
+        powers.iter().map(factor).collect::<Vec<_>>().join("*")
+    };
+    all.into_iter().map(|(factors, values)| (named(&factors), values)).collect()
 }

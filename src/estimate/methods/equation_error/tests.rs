@@ -149,9 +149,9 @@ fn what_is_no_regression_is_refused_for_itself() {
     for w in wanted {
         assert!(said.iter().any(|s| s.starts_with(w)), "{said:#?}");
     }
-    let biased = text.replace("z_m = z^2", "z_m = 2*z + k");
+    let scaled = text.replace("z_m = z^2", "z_m = k*z + 2");
     let refused =
-        regress(&self::model(&biased), std::slice::from_ref(&run), &RegressionOptions::default()).unwrap().refused;
+        regress(&self::model(&scaled), std::slice::from_ref(&run), &RegressionOptions::default()).unwrap().refused;
     let why = "since `z_m` shows the state `z` only together with `k`, which is to be estimated";
     for w in [format!("`der(z)`: its rate is not known, {why}"), format!("`der(y)`: the term `z` is not known, {why}")]
     {
@@ -219,7 +219,7 @@ fn the_structure_of_a_rate_is_found_among_its_candidates() {
     let runs = [record(&model, 2000, 0.02, 5e-4, 10), record(&model, 2000, 0.02, 5e-4, 11)];
     let limits = Limits::default();
     for options in [RegressionOptions { smoothing: Smoothing::Optimal, ..Default::default() }, band(0.05, 0.8, 0.025)] {
-        let found = structure(&model, &runs, &options, &limits).unwrap();
+        let found = structure(&model, &runs, &options, &Search::Stepwise(limits)).unwrap();
         let names = |k: usize| found[k].found.terms.iter().map(|t| t.candidate.as_str()).collect::<Vec<_>>();
         assert_eq!(names(1), ["v", "r", "d"], "{:#?}", found[1].found.steps);
         assert_eq!(found[1].found.constant.is_some(), options.domain == Domain::Time);
@@ -283,4 +283,99 @@ fn gaps_are_left_out_and_do_not_bend_the_rest() {
     let found = regress(&model, &[run], &RegressionOptions::default()).unwrap();
     near(&found, &TRUTH, 2e-4);
     assert!(found.fits.iter().all(|f| f.rows == 1196));
+}
+
+/// A short period whose sensors have biases, and an accelerometer beside them.
+const SENSORS: &str = "model sensors { input d; state a, q; param Za = -0.8, Zd = -0.1, Ma = -4, Mq = -1.2, Md = -6; \
+    param ba = BIAS, bq = BIAS per run, bz = 0.3; const V = 60; \
+    der(a) = q + Za*a + Zd*d; der(q) = Ma*a + Mq*q + Md*d; \
+    output a_m = 2*(a + ba), q_m = q + bq, az = V*(Za*a + Zd*d) + bz; }";
+
+/// Biases of sensors are constants of the equations, and accelerations tell of the parameters in them: the numbers are those of least
+/// squares on the columns that Klein and Morelli write down.
+#[test]
+fn biases_of_outputs_are_constants_of_equations_and_outputs_are_equations() {
+    let truth = model(&SENSORS.replace("BIAS", "0.05"));
+    let runs = [record(&truth, 1200, 0.02, 0.0, 8), record(&truth, 1200, 0.02, 0.0, 9)];
+    let model = model(&SENSORS.replace("BIAS", "0"));
+    let found = regress(&model, &runs, &RegressionOptions::default()).unwrap();
+    assert!(found.refused.is_empty() && found.kept == ["ba", "bq"], "{:?} {:?}", found.refused, found.kept);
+    let names = |fit: &EquationErrorFit| fit.equations.iter().map(|e| e.equation.clone()).collect::<Vec<_>>();
+    let [first, second] = &found.fits[..] else { panic!("{:?}", found.fits.iter().map(names).collect::<Vec<_>>()) };
+    assert_eq!((names(first), names(second)), (vec!["der(a)".to_string(), "az".into()], vec!["der(q)".to_string()]));
+    let near = |p: &Regressed, value: f64| assert!((p.value - value).abs() < 2e-3 * value.abs(), "{p:?} for {value}");
+    let of = |fit: &EquationErrorFit, name: &str| fit.parameters.iter().find(|p| p.name == name).cloned().unwrap();
+    for (name, value) in [("Za", -0.8), ("Zd", -0.1), ("bz", 0.3 + 60.0 * 0.8 * 0.05)] {
+        near(&of(first, name), value);
+    }
+    for (name, value) in [("Ma", -4.0), ("Mq", -1.2), ("Md", -6.0)] {
+        near(&of(second, name), value);
+    }
+    // one of each run, as the biases of its signals are: -(Ma ba + Mq bq)
+    let biases: Vec<(&str, Option<&str>)> = second.biases.iter().map(|b| (b.name.as_str(), b.run.as_deref())).collect();
+    assert_eq!(biases, [("bias of der(q)", Some("r8")), ("bias of der(q)", Some("r9"))]);
+    second.biases.iter().for_each(|b| near(b, (4.0 + 1.2) * 0.05));
+    assert_eq!(second.components[second.chosen - 1].values.len(), 5, "three parameters, two biases");
+    // q + Za a in the rate: -(bq + Za ba)
+    first.biases.iter().for_each(|b| near(b, -(0.05 - 0.8 * 0.05)));
+    // in the frequency domain constants have no part, and nothing is said of them
+    let frequency = regress(&model, &runs, &band(0.05, 1.0, 0.02)).unwrap();
+    assert!(frequency.fits.iter().all(|f| f.biases.is_empty()));
+    assert_eq!(frequency.fits[0].not_identifiable, ["bz"]);
+    near(&of(&frequency.fits[1], "Ma"), -4.0);
+}
+
+#[test]
+fn courses_are_what_was_measured_and_what_is_explained() {
+    let model = model(SHIP);
+    let mut run = record(&model, 600, 0.025, 0.0, 1);
+    run.measured[3 * 100] = f64::NAN;
+    let runs = [run];
+    let found = regress(&model, &runs, &RegressionOptions::default()).unwrap();
+    assert_eq!(found.courses.iter().map(|c| c.equation.as_str()).collect::<Vec<_>>(), ["der(v)", "der(r)"]);
+    let quality = found.quality(&model, &runs);
+    for (course, (fit, quality)) in found.courses.iter().zip(found.fits.iter().zip(&quality)) {
+        let Along::Time { measured, explained } = &course.along else { panic!("in time") };
+        assert!(measured.len() == 600 && measured[100].is_nan() && explained[100].is_nan());
+        let squares: f64 =
+            measured.iter().zip(explained).map(|(z, y)| z - y).filter(|v| v.is_finite()).map(|v| v * v).sum();
+        let rms = (squares / fit.rows as f64).sqrt();
+        assert!((rms / fit.equations[0].rms - 1.0).abs() < 1e-9);
+        assert!((quality.fit.rms.unwrap() / rms - 1.0).abs() < 1e-9 && quality.fit.compared == fit.rows);
+    }
+    let found = regress(&model, &runs, &band(0.1, 1.0, 0.02)).unwrap();
+    let Along::Frequency { frequency, measured, explained } = &found.courses[0].along else { panic!("frequencies") };
+    assert!(
+        (frequency[0] - 0.1).abs() < 1e-9 && measured.len() == 2 * frequency.len() && explained.len() == measured.len()
+    );
+    assert!(found.quality(&model, &runs).is_empty());
+}
+
+/// The true terms of a polynomial in the order of what they explain, and no other, in a small part of a second.
+#[test]
+fn orthogonal_functions_find_a_polynomial_among_a_hundred_products() {
+    let mut normal = Normal(5);
+    let n = 2000;
+    let series = |f: f64| {
+        (0..n)
+            .map(|k| (f * 0.01 * f64::from(k)).sin() + 0.3 * (0.7 * f * 0.013 * f64::from(k)).cos())
+            .collect::<Vec<f64>>()
+    };
+    let signals: Vec<(String, Vec<f64>)> = [("a", 1.0), ("b", 2.3), ("c", 4.1), ("d", 6.7), ("e", 9.3)]
+        .map(|(name, f)| (name.to_string(), series(f)))
+        .into();
+    let at = |s: usize, k: usize| signals[s].1[k];
+    let truth = |k: usize| 1.0 + 2.0 * at(0, k) - 0.8 * at(0, k) * at(1, k) + 0.4 * at(2, k).powi(3);
+    let left: Vec<f64> = (0..n as usize).map(|k| truth(k) + 0.02 * normal.next()).collect();
+    let all = structure::products(&signals, 3);
+    assert_eq!(all.len(), 55, "8 over 3, less the constant");
+    let found = orthogonal(&left, &all, true);
+    let terms: Vec<&str> = found.terms.iter().map(|t| t.candidate.as_str()).collect();
+    assert_eq!(terms, ["a", "a*b", "c^3"]);
+    for (term, value) in found.terms.iter().zip([2.0, -0.8, 0.4]) {
+        assert!((term.value - value).abs() < 4.0 * term.standard_error && term.standard_error < 0.01, "{term:?}");
+    }
+    assert!((found.constant.unwrap() - 1.0).abs() < 0.01);
+    assert!(found.steps.windows(2).all(|s| s[1].pse < s[0].pse));
+    assert!(found.steps.iter().all(|s| s.partial_f > 20.0));
 }
