@@ -156,6 +156,11 @@ impl<'a> Problem<'a> {
         }
     }
 
+    /// Whether of some samples only a limit is known.
+    pub(crate) fn is_limited(&self) -> bool {
+        self.runs.iter().any(|run| matches!(&run.response, RunResponse::Standardised(own) if own.is_limited()))
+    }
+
     /// What a measured number is worth on the average: 1, or less where frequencies are closer than one cycle in the record.
     pub(crate) fn worth(&self) -> f64 {
         let (mut numbers, mut worth) = (0.0, 0.0);

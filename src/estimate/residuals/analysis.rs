@@ -48,6 +48,24 @@ pub struct OutputQuality {
     pub untested: Option<Untested>,
 }
 
+impl OutputQuality {
+    /// Of an output with so many samples of which only a limit is known: the others are no sample of the noise, and nothing is tested.
+    pub(crate) fn with_censored(mut self, censored: usize) -> Self {
+        self.fit.censored = censored;
+        match censored {
+            0 => self,
+            _ => Self {
+                fit: self.fit,
+                whiteness: None,
+                spectrum: None,
+                distribution: None,
+                inputs: Vec::new(),
+                untested: Some(Untested::BelowLimit),
+            },
+        }
+    }
+}
+
 /// Judges the residuals of every output of a run.
 ///
 /// # Panics

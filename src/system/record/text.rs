@@ -178,8 +178,8 @@ pub(crate) enum Cell {
     Number(f64, Option<Mark>),
     /// Infinite, or larger than double precision holds.
     Infinite,
-    /// Below the limit that an instrument can tell: `<0.5`, `BLQ`.
-    Below,
+    /// Below the limit that an instrument can tell, and that limit where it stands there: `<0.5`, `BLQ`.
+    Below(Option<f64>),
     /// Not zero, but nearer to it than double precision holds.
     Vanishing,
     /// Anything else.
@@ -221,9 +221,11 @@ fn scan_unusual(text: &str) -> Cell {
     if INFINITE.contains(&unsigned) {
         return Cell::Infinite;
     }
-    let limit = lower.strip_prefix('<').is_some_and(|rest| matches!(scan(rest), Cell::Number(..)));
-    if limit || BELOW.contains(&lower.as_str()) {
-        return Cell::Below;
+    if let Some(Cell::Number(limit, _)) = lower.strip_prefix('<').map(scan) {
+        return Cell::Below(Some(limit));
+    }
+    if BELOW.contains(&lower.as_str()) {
+        return Cell::Below(None);
     }
     let mark = if lower.contains(',') { Some(Mark::Comma) } else { lower.contains('.').then_some(Mark::Point) };
     if mark == Some(Mark::Comma) && !is_decimal_comma(&lower) {

@@ -133,6 +133,7 @@ mod tests {
     #[test]
     fn outputs_are_pooled_over_runs_and_a_match_to_rounding_is_one() {
         let of = |name: &str, run: &str, rms: f64, r2: f64| OutputFit {
+            censored: 0,
             name: name.into(),
             run: run.into(),
             compared: 10,

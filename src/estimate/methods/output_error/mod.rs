@@ -3,6 +3,7 @@
 //! **In** a model, runs, start values, options. **Out** a [`fit::Fit`]. **Start** at [`single`].
 
 pub(crate) mod attempt;
+mod censored;
 pub(crate) mod cross_validation;
 pub(crate) mod defect;
 pub(crate) mod error;
