@@ -462,6 +462,9 @@ pub enum Fault {
     /// A value below what the instrument can tell.
     #[error("found `{0}`, a value below a limit, expected a number")]
     BelowLimit(String),
+    /// The text of a model.
+    #[error("this is a model, expected a record")]
+    IsModel,
     /// A dose of a kind that is not read.
     #[error("found {found}: {why}")]
     Dose {

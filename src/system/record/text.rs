@@ -186,6 +186,17 @@ pub(crate) enum Cell {
     Text,
 }
 
+/// Whether a text is that of a model: its first word that is no comment is `model`, with a name and a brace behind it.
+pub(crate) fn is_model(text: &str) -> bool {
+    let mut rest = text.trim_start();
+    while let Some(comment) = rest.strip_prefix("//") {
+        rest = comment.split_once('\n').map_or("", |(_, behind)| behind).trim_start();
+    }
+    let Some(named) = rest.strip_prefix("model ") else { return false };
+    let behind = named.trim_start().trim_start_matches(|c: char| c.is_alphanumeric() || c == '_').trim_start();
+    behind.starts_with('{') || behind.starts_with('"') && behind.contains('{')
+}
+
 /// Words that instruments and programs write where nothing was measured, in any case; an empty cell as well, and
 /// every NaN with or without sign.
 const GAPS: [&str; 17] = [
