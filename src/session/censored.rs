@@ -4,6 +4,7 @@
 use crate::failure::Failure;
 use crate::session::Session;
 use crate::telling::remark;
+use fdm_estimate::Fit;
 use fdm_grammar::model::Output;
 use fdm_grammar::syntax::{Role, StatementKind, parse};
 use fdm_grammar::{Source, gather};
@@ -18,6 +19,13 @@ impl Session {
             summary.censored.iter().map(named).collect::<Vec<_>>()
         };
         self.fitted().filter_map(|(run, origin)| Some((run, origin.summary.as_ref()?))).flat_map(of).collect()
+    }
+
+    /// Those of outputs whose noise the model states: of others their probability is not known.
+    pub(crate) fn censored_with_noise(&self) -> Vec<Censored> {
+        let outputs = &self.model.definition().outputs;
+        let is_stated = |c: &Censored| outputs[c.output].noise.is_some() || outputs[c.output].noise_model.is_some();
+        self.censored().into_iter().filter(is_stated).collect()
     }
 
     /// With a param for the deviation of each output that has samples below a limit, and of whose noise the model and `--noise` say nothing (`words`).
@@ -59,6 +67,25 @@ impl Session {
             first.run
         )]))
     }
+}
+
+/// How many of the samples below a limit a fit has there too, output by output.
+pub(crate) fn predicted_below(fit: &Fit, session: &Session) -> Vec<String> {
+    let (outputs, censored) = (&session.model.definition().outputs, session.censored());
+    let of = |(o, output): (usize, &Output)| {
+        let own: Vec<&Censored> = censored.iter().filter(|c| c.output == o).collect();
+        let is_below = |c: &&&Censored| {
+            let run = session.runs.iter().zip(&fit.estimate.runs).find(|(run, _)| run.name == c.run);
+            run.is_some_and(|(run, predicted)| {
+                let at = run.time.iter().position(|t| *t == c.time);
+                at.and_then(|at| predicted.response.get(at * outputs.len() + o)).is_some_and(|y| *y < c.limit)
+            })
+        };
+        let (name, below) = (&output.quantity.name, own.iter().filter(is_below).count());
+        let said = format!("note: `{name}` has {} sample(s) below their limit, {below} of which are predicted there", own.len());
+        (!own.is_empty()).then_some(said)
+    };
+    outputs.iter().enumerate().filter_map(of).collect()
 }
 
 /// Standard deviation of the values of an output in all runs: a noise is no larger. 1 where it does not vary.

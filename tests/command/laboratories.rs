@@ -76,7 +76,8 @@ fn values_below_a_limit_are_censored_where_a_method_can() {
     let told = desk.good("fit m.fdm blq.csv --runs-by ID --out kept");
     assert!(told.contains("below limit"), "{told}");
     assert!(desk.text("kept/model.fdm").contains("noise conc = sigma_conc;"));
-    desk.good("validate --from-result kept --data blq.csv --runs-by ID");
+    let told = support::command::said(&desk.fdm("validate --from-result kept --data blq.csv --runs-by ID"));
+    assert!(told.contains("below their limit") && told.contains("predicted there"), "{told}");
     desk.good("fit m.fdm blq.csv --runs-by ID --below-limit missing");
     for (words, said) in [
         ("fit m.fdm blq.csv --runs-by ID --method filter-error", "--below-limit missing"),
