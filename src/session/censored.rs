@@ -82,7 +82,10 @@ pub(crate) fn predicted_below(fit: &Fit, session: &Session) -> Vec<String> {
             })
         };
         let (name, below) = (&output.quantity.name, own.iter().filter(is_below).count());
-        let said = format!("note: `{name}` has {} sample(s) below their limit, {below} of which are predicted there", own.len());
+        let said = format!(
+            "note: `{name}` has {} sample(s) below their limit, {below} of which are predicted there",
+            own.len()
+        );
         (!own.is_empty()).then_some(said)
     };
     outputs.iter().enumerate().filter_map(of).collect()

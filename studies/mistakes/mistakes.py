@@ -4,7 +4,7 @@
 
 A mistake has three patterns: the place (file, line, column, channel, option), what is wrong or was expected, and a fix that works. Each that the message holds is a point;
 an exit code that says that all is well, where the command could not do what was meant, is none at all. The patterns were written before the messages were looked at, and are
-words that a person would look for. What counts are the sentences that the one command prints, not its tables; a fix may be to ask `fdm doctor`, where that then says what is
+words that a person would look for; two places were widened afterwards, where two channels determine only together that one of them is wrong. What counts are the sentences that the one command prints, not its tables; a fix may be to ask `fdm doctor`, where that then says what is
 wrong.
 
 `files` and `options` are mistakes that must be refused (exit code 2). `data` are records that `fit` can fit and should not be believed: it must say so.

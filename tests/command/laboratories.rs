@@ -29,7 +29,9 @@ fn table(limit: f64) -> String {
     let mut text = String::from("ID,TIME,AMT,II,ADDL,DV,EVID\n");
     for (subject, dose) in [(1, 320.0), (2, 200.0), (3, 450.0), (4, 280.0)] {
         text.push_str(&format!("{subject},0,{dose},24,1,.,1\n"));
-        for (k, t) in [0.5, 1.0, 2.0, 4.0, 8.0, 12.0, 23.5, 24.5, 26.0, 30.0, 36.0, 48.0, 60.0, 72.0].into_iter().enumerate() {
+        for (k, t) in
+            [0.5, 1.0, 2.0, 4.0, 8.0, 12.0, 23.5, 24.5, 26.0, 30.0, 36.0, 48.0, 60.0, 72.0].into_iter().enumerate()
+        {
             let true_conc = after(dose, t) + after(dose, t - 24.0);
             let noise = 0.05 * (1.7 * (k * 5 + subject) as f64 + (k * k) as f64).sin();
             let conc = true_conc + noise;
@@ -55,7 +57,10 @@ fn a_table_of_nonmem_is_fitted_as_it_is() {
     let told = support::command::said(&desk.fdm("fit m.fdm theo.csv --runs-by ID"));
     assert!(told.contains("amount given so far, by 2 dose(s) of column `AMT`"), "{told}");
     // a model without an input for them
-    let bare = MODEL.replace("  input dose \"amount given so far\" [mg];\n", "").replace("der(dose) ", "").replace("depot [mg] = 0", "depot [mg] = 320");
+    let bare = MODEL
+        .replace("  input dose \"amount given so far\" [mg];\n", "")
+        .replace("der(dose) ", "")
+        .replace("depot [mg] = 0", "depot [mg] = 320");
     desk.write("bare.fdm", bare);
     let told = support::command::said(&desk.fdm("fit bare.fdm theo.csv --runs-by ID"));
     assert!(told.contains("no input takes them") && told.contains("der(dose)"), "{told}");
