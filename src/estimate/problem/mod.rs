@@ -56,6 +56,17 @@ pub struct Problem<'a> {
     pub noise_in_time: Option<Box<dyn NoiseInTime + 'a>>,
     /// Whether estimates are all that is asked for: intervals are then not looked at beyond their errors.
     pub bare: bool,
+    /// How well the noise is known of which some samples are known by a limit alone.
+    pub(crate) limited: Option<LimitedNoise>,
+}
+
+/// What determines the deviation of a noise of which some samples are known by a limit alone: these say little of it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct LimitedNoise {
+    /// Samples with values.
+    pub(crate) values: usize,
+    /// Parameters that are estimated and stand in the noise alone.
+    pub(crate) params: usize,
 }
 
 /// What the numbers of all runs are.
@@ -142,7 +153,20 @@ impl<'a> Problem<'a> {
     ) -> Self {
         let (affine, tables, smoothness) = Default::default();
         let (regressor_noise, noise_in_time) = (None, None);
-        Self { params, outputs, runs, affine, tables, smoothness, derived, regressor_noise, noise_in_time, bare: false }
+        let (bare, limited) = (false, None);
+        Self {
+            params,
+            outputs,
+            runs,
+            affine,
+            tables,
+            smoothness,
+            derived,
+            regressor_noise,
+            noise_in_time,
+            bare,
+            limited,
+        }
     }
 
     /// What the numbers of all runs are.
@@ -154,11 +178,6 @@ impl<'a> Problem<'a> {
             () if all(|response| matches!(response, RunResponse::InTime(_))) => Numbers::InTime,
             () => Numbers::Standardised,
         }
-    }
-
-    /// Whether of some samples only a limit is known.
-    pub(crate) fn is_limited(&self) -> bool {
-        self.runs.iter().any(|run| matches!(&run.response, RunResponse::Standardised(own) if own.is_limited()))
     }
 
     /// What a measured number is worth on the average: 1, or less where frequencies are closer than one cycle in the record.

@@ -56,9 +56,6 @@ pub trait StandardisedResponse: TimeResponse {
     /// What the last evaluation adds to the cost beside half the squares of the residuals: rows and residuals then give its gradient and
     /// its information.
     fn surcharge(&self) -> f64;
-
-    /// Whether of some samples only a limit is known: their residuals are no draws of the noise.
-    fn is_limited(&self) -> bool;
 }
 
 /// A response of Fourier coefficients of a whole record: sample 2 k is the real part at frequency k, 2 k + 1 the imaginary part.

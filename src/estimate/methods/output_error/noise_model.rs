@@ -15,7 +15,7 @@ use crate::problem::derived::DerivedQuantities;
 use crate::problem::method::{Domain, Method};
 use crate::problem::noise::Noise;
 use crate::problem::response::RunResponse;
-use crate::problem::{Options, Problem, ProblemRun};
+use crate::problem::{LimitedNoise, Options, Problem, ProblemRun};
 use crate::residuals::noise_variation::{OutputSeries, test};
 use crate::residuals::{OutputFit, residuals};
 use crate::uncertainty::sandwich::NoiseColour;
@@ -301,6 +301,7 @@ impl Fitting<'_> {
         let derived = DerivedQuantities::of(self.whole.definition(), self.whole.dynamics());
         let mut problem = Problem::new(definition, prepared, derived);
         problem.affine = Vec::new();
+        problem.limited = self.limited(&open);
         problem.outputs = self.names();
         for (k, param) in problem.params.iter_mut().enumerate() {
             param.fixed |= !open(k);
@@ -312,6 +313,18 @@ impl Fitting<'_> {
         let noise = Noise::Given(self.parts.iter().map(unit).collect());
         let options = Options { noise, ..self.options.options.clone() };
         estimate(&mut problem, &options, work).map_err(FitError::Problem)
+    }
+
+    /// What determines the deviations of outputs with samples below a limit, where these are estimated with what `open` says.
+    fn limited(&self, open: impl Fn(usize) -> bool) -> Option<LimitedNoise> {
+        self.limits.iter().any(|limits| !limits.is_empty()).then_some(())?;
+        let definition = self.model.definition();
+        let only = definition.only_in_output_noise();
+        let params = (0..only.len()).filter(|k| only[*k] && open(*k) && !definition.params[*k].fixed).count();
+        let q = self.deviations.len();
+        let told = |(k, z): (usize, &f64)| !z.is_nan() && self.deviations[k % q].is_some();
+        let values = self.runs.iter().map(|run| run.measured.iter().enumerate().filter(|k| told(*k)).count()).sum();
+        Some(LimitedNoise { values, params })
     }
 
     /// Why the likelihood has no maximum at an estimate, if it has none.

@@ -267,10 +267,6 @@ impl StandardisedResponse for Standardised<'_> {
     fn surcharge(&self) -> f64 {
         self.surcharge
     }
-
-    fn is_limited(&self) -> bool {
-        !self.limits.is_empty()
-    }
 }
 
 impl TimeResponse for Standardised<'_> {

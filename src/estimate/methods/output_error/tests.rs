@@ -298,7 +298,7 @@ fn samples_below_their_limit_leave_estimates_unbiased_and_errors_right() {
             assert!(fit.is_good(), "{:?}", fit.estimate.termination);
             let one = |(name, truth): (&str, f64)| {
                 let parameter = fit.estimate.parameter(name, None).expect("a parameter");
-                (parameter.value - truth, parameter.standard_error.expect("an error"))
+                (parameter.value - truth, parameter.corrected_error.expect("an error"))
             };
             found.push([("k", k), ("x0", x0), ("s", s)].map(one));
         }
