@@ -134,7 +134,7 @@ pub struct Selection {
     /// The time is called `t`; `y=log(c [mol/l])` takes logarithms.
     #[arg(long = "map", value_name = "NAME=COLUMN", value_parser = pair, requires = "recorded")]
     map: Vec<(String, String)>,
-    /// Map of the channels: a file, or `px4`, `ardupilot`, `fti`
+    /// Map of the channels: a file, or `px4`, `px4-rate`, `ardupilot`, `ardupilot-rate`, `fti`
     ///
     /// It names fields of a log or columns, with unit, sign, scale, hold and delay.
     #[arg(long, value_name = "MAP", value_parser = map_file, requires = "recorded")]
