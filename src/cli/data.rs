@@ -21,7 +21,7 @@ pub(crate) struct Arguments {
     /// List every field with unit and range, behind the topics
     #[arg(long)]
     list: bool,
-    /// Take the channels of a map, as CSV: a file, or `px4`, `ardupilot`, `fti`
+    /// Take the channels of a map, as CSV: a file, or `px4`, `px4-rate`, `ardupilot`, `ardupilot-rate`, `fti`
     #[arg(long, value_name = "MAP.toml", value_parser = map_file, conflicts_with = "list")]
     take: Option<RecordMap>,
     /// Use what can be read of a damaged file; what is lost is said

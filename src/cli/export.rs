@@ -76,7 +76,7 @@ struct Recursive {
     /// Column of a channel when its name differs; the time is called `t`; `y=log(c [mol/l])` takes logarithms
     #[arg(long = "map", value_name = "CHANNEL=COLUMN", value_parser = pair, requires = "recorded", help_heading = "Data")]
     map: Vec<(String, String)>,
-    /// Map of the channels: fields of a log or columns, with unit, sign, scale, hold, delay; a file, or `px4`, `ardupilot`, `fti`
+    /// Map of the channels: fields of a log or columns, with unit, sign, scale, hold, delay; a file, or `px4`, `px4-rate`, `ardupilot`, `ardupilot-rate`, `fti`
     #[arg(long, value_name = "MAP.toml", value_parser = map_file, requires = "recorded", help_heading = "Data")]
     map_file: Option<RecordMap>,
     /// Zero-order hold: this input keeps its value until the next sample [default: as the model or the map says; else where it moves only at

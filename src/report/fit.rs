@@ -129,12 +129,16 @@ pub(crate) fn facts(fit: &FitDocument) -> Option<String> {
     runs.sort_unstable();
     runs.dedup();
     let compared: usize = outputs.iter().map(|o| o.compared).sum();
+    let below = match outputs.iter().map(|o| o.censored).sum() {
+        0usize => String::new(),
+        below => format!(", {below} below their limit"),
+    };
     let explained = outputs.iter().filter_map(|o| Some((o, o.r2?)));
     let (worst, r2) = explained.min_by(|a, b| a.1.total_cmp(&b.1))?;
     let place = if runs.len() > 1 { format!(" in {}", worst.run) } else { String::new() };
     let count = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
     Some(format!(
-        "{} estimated from {} ({compared} measured values). Matched worst: {}{place}, of whose variance the model explains {} % (RMS of the residual {}{}).",
+        "{} estimated from {} ({compared} measured values{below}). Matched worst: {}{place}, of whose variance the model explains {} % (RMS of the residual {}{}).",
         count(parameters, "parameter"),
         count(runs.len(), "run"),
         worst.name,

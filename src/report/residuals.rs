@@ -39,6 +39,9 @@ pub(crate) fn table(outputs: &[OutputDocument]) -> Rows<&OutputDocument> {
         table.number("D-W", |o| fixed(o.white().and_then(|w| w.durbin_watson), 2));
     }
     table.number("compared", |o| o.compared);
+    if outputs.iter().any(|o| o.censored > 0) {
+        table.number("below limit", |o| o.censored);
+    }
     table
 }
 

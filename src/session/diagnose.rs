@@ -143,7 +143,7 @@ impl Verb for Options {
     fn session(&self, conduct: &Conduct) -> Result<Session, Failure> {
         self.domain()?;
         let model = self.model.load_for(&self.records)?;
-        self.records.session_with_validation(model, &self.validation, conduct.quiet)
+        self.records.session_with_validation(model, &self.validation, conduct.quiet)?.refuse_censored("a diagnosis")
     }
 
     fn names(&self, session: &Session) -> Vec<String> {

@@ -170,10 +170,11 @@ impl Verb for Options {
         if question.method == Method::EquationError || question.domain == Domain::Frequency {
             self.records.refuse_begin(&model)?;
         }
-        match question.method {
+        let session = match question.method {
             Method::EquationError => self.records.session(model, conduct.quiet),
             _ => self.records.session_with_validation(model, &self.validation, conduct.quiet),
-        }
+        };
+        self.limited(session?)
     }
 
     fn names(&self, session: &Session) -> Vec<String> {
@@ -242,10 +243,22 @@ impl Options {
         self.methods.question(&all.concat())
     }
 
+    /// With the deviations that samples below a limit want.
+    ///
+    /// # Errors
+    /// [`Failure`]
+    pub(crate) fn limited(&self, session: Session) -> Result<Session, Failure> {
+        let question = self.question(false)?;
+        match (question.method, question.domain) {
+            (Method::OutputError, Domain::Time) => session.with_noise_of_censored(self.noise.words()),
+            (method, domain) => session.refuse_censored(&format!("{method} in the {domain} domain")),
+        }
+    }
+
     /// With start values of these runs, where equation error is to give them.
     fn chosen(&self, session: &Session) -> Result<Chosen, Failure> {
         let question = self.question(false)?;
-        let mut fit = self.fit_options(question, &session.model)?;
+        let mut fit = FitOptions { censored: session.censored(), ..self.fit_options(question, &session.model)? };
         let simulated = fit.domain == Domain::Time && fit.method != Method::EquationError;
         let said = match self.methods.start() {
             Some(StartValues::EquationError) if simulated => start_at_best_iterate(session, &mut fit)?,

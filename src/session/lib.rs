@@ -9,6 +9,7 @@
 pub mod answer;
 pub mod bands;
 pub mod campaign;
+mod censored;
 pub mod check;
 pub mod checkpoint;
 pub mod conduct;

@@ -24,6 +24,11 @@ impl MeasurementNoise {
         !self.words.is_empty()
     }
 
+    /// The words that were typed.
+    pub(crate) fn words(&self) -> &[String] {
+        &self.words
+    }
+
     /// What was typed, and what the model declares.
     pub(crate) fn of(&self, model: &Model) -> Result<Noise, Failure> {
         noise(&self.words, model)

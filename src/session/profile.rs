@@ -70,13 +70,13 @@ impl Verb for Options {
     fn session(&self, conduct: &Conduct) -> Result<Session, Failure> {
         let model = self.model.load_for(&self.records)?;
         self.are_known(&model)?;
-        self.records.session(model, conduct.quiet)
+        self.records.session(model, conduct.quiet)?.with_noise_of_censored(self.noise.words())
     }
 
     /// The page is the file `page.html`.
     fn answer(&self, session: &Session, conduct: &mut Conduct) -> Result<Answer, Failure> {
         self.are_known(&session.model)?;
-        let options = self.chosen(&session.model)?;
+        let options = self.chosen(session)?;
         let done = conduct.done.clone();
         let done = done.as_deref().map(|done| done as &dyn CheckpointStore);
         let work = conduct.progress.work().keeping(done);
@@ -105,12 +105,12 @@ impl Verb for Options {
     /// The sides of the profiles; `states` keeps the fit.
     fn tasks(
         &self,
-        Session { model, runs, .. }: &Session,
+        session: &Session,
         conduct: &Conduct,
         states: &dyn CheckpointStore,
         visit: Visit<'_>,
     ) -> Result<(), Failure> {
-        let options = self.chosen(model)?;
+        let (Session { model, runs, .. }, options) = (session, self.chosen(session)?);
         let progress = conduct.aside();
         let work = progress.work();
         let found = fit(model, runs, &options, &progress.work().keeping(Some(states))).or_failure()?;
@@ -122,8 +122,9 @@ impl Verb for Options {
 }
 
 impl Options {
-    fn chosen(&self, model: &Model) -> Result<FitOptions, Failure> {
-        Ok(self.integration.plain(self.model.changes(&self.estimated), self.noise.of(model)?))
+    fn chosen(&self, session: &Session) -> Result<FitOptions, Failure> {
+        let plain = self.integration.plain(self.model.changes(&self.estimated), self.noise.of(&session.model)?);
+        Ok(FitOptions { censored: session.censored(), ..plain })
     }
 
     /// The parameters that are profiled.

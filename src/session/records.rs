@@ -5,13 +5,15 @@ use crate::delays::{DelayError, with_free_delays};
 use crate::failure::Failure;
 use crate::session::{Origin, Record, Session, Source};
 use crate::telling::remark;
-use crate::value::{instant, map_file, pair};
+use crate::value::{below_limit, instant, map_file, pair};
 use clap::Args;
 use fdm_doctor::{AloneOptions, Finding, examine_alone, examine_repeats, leading};
 use fdm_readers::RecordMap;
 use fdm_results::documents::JudgedRecords;
 use fdm_system::Model;
-use fdm_system::record::{Assumptions, Known, ReadOptions, Run, SampleMask, Summary, channels, questioned, read_each};
+use fdm_system::record::{
+    Assumptions, BelowLimit, Known, ReadOptions, Run, SampleMask, Summary, channels, questioned, read_each,
+};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -132,7 +134,7 @@ pub struct Selection {
     /// The time is called `t`; `y=log(c [mol/l])` takes logarithms.
     #[arg(long = "map", value_name = "NAME=COLUMN", value_parser = pair, requires = "recorded")]
     map: Vec<(String, String)>,
-    /// Map of the channels: a file, or `px4`, `ardupilot`, `fti`
+    /// Map of the channels: a file, or `px4`, `px4-rate`, `ardupilot`, `ardupilot-rate`, `fti`
     ///
     /// It names fields of a log or columns, with unit, sign, scale, hold and delay.
     #[arg(long, value_name = "MAP", value_parser = map_file, requires = "recorded")]
@@ -190,9 +192,12 @@ pub struct Selection {
     /// A number or word; `none` where -999 was measured.
     #[arg(long, value_name = "CODE", allow_hyphen_values = true, requires = "recorded", hide_short_help = true)]
     missing: Vec<String>,
-    /// Leave values below a limit (`<0.5`, BLQ) out, as if they were missing
-    #[arg(long, value_name = "HOW", value_parser = ["missing"], requires = "recorded", hide_short_help = true)]
-    below_limit: Option<String>,
+    /// Values below a limit (`<0.5`, BLQ): `censored`, `missing`, or the limit of cells without one, in the column's unit
+    ///
+    /// Output error in the time domain compares censored values: that they are less than their limit. `missing` leaves them out, and estimates
+    /// lean to what was seen.
+    #[arg(long, value_name = "HOW", value_parser = below_limit, default_value = "censored", hide_short_help = true)]
+    below_limit: BelowLimit,
     /// Rows of one time are repeats, each in a run of its own
     #[arg(long, requires = "recorded", hide_short_help = true)]
     replicates: bool,
@@ -385,7 +390,7 @@ impl Selection {
             masks: self.mask.clone(),
             rate: self.rate,
             missing: self.missing.clone(),
-            below_missing: self.below_limit.is_some(),
+            below_limit: self.below_limit,
             replicates: self.replicates,
             runs_by: self.runs_by.clone(),
             part: None,

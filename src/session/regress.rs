@@ -155,7 +155,7 @@ impl Verb for Options {
         let changes = self.model.changes(&self.estimated);
         let model = changed(&self.model.load_for(&self.records)?, &changes).or_failure()?;
         self.records.refuse_begin(&model)?;
-        self.records.session(model, conduct.quiet)
+        self.records.session(model, conduct.quiet)?.refuse_censored("equation error")
     }
 
     fn names(&self, session: &Session) -> Vec<String> {

@@ -241,6 +241,7 @@ pub struct Fitted {
 pub fn fit(held: Held<'_>, watch: &Watch) -> Result<Fitted, Failure> {
     let wanted = Wanted { json: false, ..FILES };
     let (options, session, mut conduct) = held.asked::<fits::Options>("fit", (watch, wanted))?;
+    let session = options.limited(session)?;
     let fits::Fitted { found, answer } = fits::answer(&options, &session, &mut conduct)?;
     Ok(Fitted { session, found, answer })
 }

@@ -172,6 +172,12 @@ fn posterior(
     let Some(fit) = folder.result().fit() else {
         return Err(Failure::input(["regressions have no posterior; fit the model by output error"]));
     };
+    if let Some(limited) = fit.outputs_in_time().iter().find(|o| o.censored > 0) {
+        return Err(Failure::input([format!(
+            "`{}` has samples below a limit, whose likelihood is not drawn from; `fdm profile` has the intervals of such a fit",
+            limited.name
+        )]));
+    }
     let mut remarks = Vec::new();
     if definition.states.iter().any(|s| s.noise.is_some()) {
         remarks.push("note: process noise is left out, as by output error".to_string());

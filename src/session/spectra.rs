@@ -4,7 +4,7 @@ use crate::answer::{Answer, Wanted};
 use crate::campaign::Role;
 use crate::failure::{Failure, OrFailure};
 use crate::load::load_model;
-use crate::records::{Records, read_runs};
+use crate::records::{Records, read_records, say_notes};
 use crate::session::{Record, Session};
 use crate::value::{band, number};
 use clap::Args;
@@ -104,7 +104,18 @@ impl Options {
         self.channels(&model)?;
         let files = self.records.files(Role::Fit, &self.records.selection.options(false), &model)?;
         self.records.say_left(&model, quiet)?;
-        let runs = read_runs(&files, &model, &[], quiet)?;
+        let read = read_records(&files, &model, &[])?;
+        if !quiet {
+            say_notes(&read);
+        }
+        let limited = read.iter().find(|((_, summary), _)| !summary.censored.is_empty());
+        if let Some(((run, _), _)) = limited {
+            return Err(Failure::input([format!(
+                "run `{}` has samples below a limit, of which there are no spectra; --below-limit missing leaves them out",
+                run.name
+            )]));
+        }
+        let runs: Vec<Run> = read.into_iter().map(|((run, _), _)| run).collect();
         self.records.refuse(&model, runs.iter())?;
         Ok(Session::new(model, runs.into_iter().map(Record::in_memory).collect(), Vec::new()))
     }

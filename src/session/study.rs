@@ -144,7 +144,8 @@ impl Verb for Options {
                 "--calibration has no folder, drawing or checkpoint; --report and --json keep it",
             ]));
         }
-        self.records.session(self.model.load_for(&self.records)?, conduct.quiet)
+        let session = self.records.session(self.model.load_for(&self.records)?, conduct.quiet)?;
+        session.refuse_censored("a study, which draws values for all samples,")
     }
 
     fn names(&self, session: &Session) -> Vec<String> {

@@ -3,6 +3,7 @@
 
 use crate::answer::Answer;
 use crate::bands::{beyond_visited, of_coloured_noise, of_validation};
+use crate::censored::predicted_below;
 use crate::conduct::Conduct;
 use crate::failure::{Failure, OrFailure};
 use crate::fit::remarks;
@@ -15,7 +16,7 @@ use crate::session::Session;
 use crate::value::positive;
 use clap::Args;
 use fdm_estimate::residuals::Baseline;
-use fdm_estimate::{Fit, fit, fit_from_initial_conditions};
+use fdm_estimate::{Fit, FitOptions, fit, fit_from_initial_conditions};
 use fdm_infer::{LackOfFit, RunResidual, lack_of_fit};
 use fdm_lab::posterior::Bands;
 use fdm_report::{Detail, band_verdict, estimate_text, fit_verdict, validation_text};
@@ -70,7 +71,8 @@ pub fn answer(
     conduct: &mut Conduct,
 ) -> Result<Answer, Failure> {
     let Session { model, runs, .. } = session;
-    let options = asked.integration.among(folder.validation(model));
+    let censored = session.censored_with_noise();
+    let options = FitOptions { censored, ..asked.integration.among(folder.validation(model)) };
     let _writer = conduct.follow(session, None);
     let work = conduct.progress.work();
     let result = match asked.initial_from {
@@ -84,6 +86,7 @@ pub fn answer(
     let mut remarks = remarks(&fit, true);
     let fitted = fitted_before(folder, runs, &session.files());
     remarks.extend(fitted.iter().map(|run| format!("note: run `{run}` was part of the fit: it is no validation data")));
+    remarks.extend(predicted_below(&fit, session));
     let errors = prediction_errors(&fit, runs, &mut remarks);
     let bands: Vec<Option<Bands>> = of_validation(&fit, folder, runs)
         .into_iter()

@@ -3,6 +3,7 @@
 use fdm_grammar::number::held;
 use fdm_readers::{RecordMap, shipped};
 use fdm_results::store::{read_input_text, reason};
+use fdm_system::record::BelowLimit;
 use std::path::Path;
 
 /// `NAME=VALUE`
@@ -50,6 +51,18 @@ pub fn map_file(text: &str) -> Result<RecordMap, String> {
         Err(e) => return Err(format!("{}; maps that come with fdm are {}", reason(&e), names.join(", "))),
     };
     RecordMap::parse(&map).map_err(|e| e.to_string())
+}
+
+/// What is made of values below a limit.
+pub(crate) fn below_limit(text: &str) -> Result<BelowLimit, String> {
+    match text {
+        "censored" => Ok(BelowLimit::Censored),
+        "missing" => Ok(BelowLimit::Missing),
+        _ => match number(text) {
+            Ok(limit) if limit.is_finite() => Ok(BelowLimit::Limit(limit)),
+            _ => Err(format!("`{text}` is none of `censored`, `missing`, and a limit such as 0.5")),
+        },
+    }
 }
 
 /// `CHANNEL=COLUMN`

@@ -17,6 +17,7 @@ mod hostile;
 mod imports;
 mod jobs;
 mod json;
+mod laboratories;
 mod limits;
 mod live;
 mod lsp;

@@ -21,10 +21,13 @@ pub struct RecordMap {
     pub clock: BTreeMap<String, ClockMap>,
 }
 
-/// A clock that is off: a sample that it stamps with `s` was taken at `s - offset - drift*(s - s0)`, where `s0` is its first stamp.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+/// The clock of a topic: a sample that it stamps with `s` was taken at `s - offset - drift*(s - s0)`, where `s0` is its first stamp.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ClockMap {
+    /// Field of the topic that says when a sample was taken, where its time says when it was published: that time where a log has no such field.
+    #[serde(default)]
+    pub from: Option<String>,
     /// How much later than the motion its first sample is stamped, in seconds.
     #[serde(default)]
     pub offset: f64,
@@ -173,14 +176,16 @@ pub enum MapError {
 }
 
 /// The maps that come with the program, by name.
-const SHIPPED: [(&str, &str); 3] = [
+const SHIPPED: [(&str, &str); 5] = [
     ("px4", include_str!("maps/px4.toml")),
+    ("px4-rate", include_str!("maps/px4-rate.toml")),
     ("ardupilot", include_str!("maps/ardupilot.toml")),
+    ("ardupilot-rate", include_str!("maps/ardupilot-rate.toml")),
     ("fti", include_str!("maps/fti.toml")),
 ];
 
 /// The text of a map that comes with the program, and the names of all.
-pub fn shipped(name: &str) -> (Option<&'static str>, [&'static str; 3]) {
+pub fn shipped(name: &str) -> (Option<&'static str>, [&'static str; 5]) {
     (SHIPPED.iter().find(|(known, _)| *known == name).map(|(_, text)| *text), SHIPPED.map(|(known, _)| known))
 }
 
@@ -288,6 +293,7 @@ fn toml_text(map: &RecordMap) -> String {
     };
     for (name, clock) in &map.clock {
         line(key("clock", name));
+        clock.from.iter().for_each(|from| line(format!("from = {from:?}")));
         line(format!("offset = {:?}\ndrift = {:?}\n", clock.offset, clock.drift));
     }
     for (name, channel) in &map.channel {

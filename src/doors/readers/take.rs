@@ -89,8 +89,9 @@ struct Sampled<'a> {
 /// Every channel whose field is not there, or what is wrong with the times.
 pub fn take(log: &Log, map: &RecordMap, wanted: &dyn Fn(&str) -> Option<bool>) -> Result<Taken, Vec<TakeError>> {
     let (mut sampled, mut errors, mut absent, mut notes) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-    for name in map.clock.keys() {
-        if !log.names().any(|topic| is_topic(topic, name)) {
+    for (name, clock) in &map.clock {
+        let is_off = clock.offset != 0.0 || clock.drift != 0.0;
+        if is_off && !log.names().any(|topic| is_topic(topic, name)) {
             errors.push(TakeError::NoClock(name.clone()));
         }
     }
@@ -181,18 +182,30 @@ fn own_times(log: &Log, map: &RecordMap, topic: usize) -> Result<Option<Vec<f64>
         stamps
     };
     let named = map.time.from.as_ref().and_then(|from| log.find(from)).filter(|(t, _)| *t == topic);
-    let mut table = Topic { time: named.map(|(_, f)| f).or(log.topics[topic].time), ..Topic::default() };
+    let sampled = clock.and_then(|(_, clock)| taken_at(&log.topics[topic], clock.from.as_ref()?));
+    let usual = log.topics[topic].time;
+    let mut table = Topic { time: named.map(|(_, f)| f).or(sampled).or(usual), ..Topic::default() };
     let Some(k) = table.time else {
         let alone = log.topics.iter().filter(|t| t.rows() > 1).count() == 1;
         return if alone && map.time.from.is_none() { Ok(None) } else { Err(unknown()) };
     };
     let mut field = log.topics[topic].fields[k].clone();
-    field.unit = map.time.unit.clone().or(field.unit);
+    // two stamps of one topic are of one clock
+    let of_usual = || usual.and_then(|k| log.topics[topic].fields[k].unit.clone());
+    field.unit = map.time.unit.clone().or(field.unit).or_else(of_usual);
     if field.unit.as_deref().is_some_and(|u| in_seconds(u).is_none()) {
         return Err(unknown());
     }
     (table.fields, table.time) = (vec![field], Some(0));
     table.seconds().map(|stamps| Some(correct(stamps))).ok_or_else(unknown)
+}
+
+/// The field of this name, where it holds stamps that rise.
+fn taken_at(topic: &Topic, name: &str) -> Option<usize> {
+    let field = topic.fields.iter().position(|f| f.name == name)?;
+    let stamps = &topic.fields[field].values;
+    let rise = stamps.windows(2).all(|w| w[0] <= w[1]) && stamps.first() < stamps.last();
+    rise.then_some(field)
 }
 
 /// The first names of a log, for a message.

@@ -2,6 +2,7 @@
 
 use crate::samples::{ROWS, dataflash, micros, rate, ulog};
 use crate::{ChannelMap, ClockMap, FreeDelay, Log, ReadError, RecordMap, TakeError, open, take, unzipped};
+use crate::{Field, Topic};
 
 /// The files that the software of each format wrote, by `studies/records/make.py`.
 fn file(name: &str) -> Vec<u8> {
@@ -332,7 +333,7 @@ fn maps_that_make_no_sense_are_refused_with_their_key() {
     let free_delay = Some(FreeDelay { lower: -0.1, upper: 0.2, per_run: true });
     let plain = RecordMap {
         channel: [("p".to_string(), ChannelMap { sign: -1.0, free_delay, ..ChannelMap::plain("P") })].into(),
-        clock: [("IMU".to_string(), ClockMap { offset: 0.25, drift: -4.95e-4 })].into(),
+        clock: [("IMU".to_string(), ClockMap { from: Some("SampleUS".into()), offset: 0.25, drift: -4.95e-4 })].into(),
         ..RecordMap::default()
     };
     assert_eq!(RecordMap::parse(&plain.text()).unwrap(), plain);
@@ -355,6 +356,39 @@ fn shipped_maps_are_maps_and_say_what_was_not_logged() {
     let errors = take(&quiet, &maps[0], &|_| Some(false)).unwrap_err();
     assert!(matches!(&errors[0], TakeError::NoField { channel, .. } if channel == "p"));
     assert!(errors[0].to_string().contains("SDLOG_PROFILE"), "{}", errors[0]);
+}
+
+/// A topic with the stamps of its samples beside those of its publication, as PX4 logs it.
+#[test]
+fn a_topic_is_at_the_times_when_its_samples_were_taken() {
+    let topic = |name: &str, fields: Vec<Field>| Topic { name: name.into(), time: Some(0), fields };
+    let late: Vec<f64> = (0..6).map(|k| 4000.0 * f64::from(k) + 300.0).collect();
+    let sampled: Vec<f64> = (0..6).map(|k| 4000.0 * f64::from(k)).collect();
+    let gyro = |stamps: Vec<f64>| {
+        let axis = |k: usize| Field::new(format!("xyz[{k}]"), None, (0..6).map(|t| f64::from(t) + k as f64).collect());
+        let stamps = Field::new("timestamp_sample", None, stamps);
+        let published = Field::new("timestamp", Some("us"), late.clone());
+        topic("vehicle_angular_velocity", vec![published, stamps, axis(0), axis(1), axis(2)])
+    };
+    let torque = |t: f64| Field::new(format!("xyz[{t}]"), None, vec![t, t + 1.0]);
+    let torque = topic(
+        "vehicle_torque_setpoint",
+        vec![Field::new("timestamp", Some("us"), vec![0.0, 10_000.0]), torque(0.0), torque(1.0), torque(2.0)],
+    );
+    let rate = map(crate::shipped("px4-rate").0.unwrap());
+    let taken = |gyro: Topic| {
+        let log = Log { format: "ULog", topics: vec![gyro, torque.clone()], ..Log::default() };
+        take(&log, &rate, &|name| ["p", "u_roll"].contains(&name).then_some(name == "u_roll")).unwrap()
+    };
+    let found = taken(gyro(sampled.clone()));
+    let time = found.time.unwrap();
+    let p = found.columns.iter().find(|c| c.name == "p").unwrap();
+    let at = |t: f64| time.iter().position(|s| *s == t).map(|k| p.values[k]);
+    assert_eq!((at(0.004), at(0.008), at(0.0043)), (Some(1.0), Some(2.0), None), "{time:?}");
+    // stamps that say nothing
+    for none in [vec![0.0; 6], Vec::from_iter(sampled.into_iter().rev())] {
+        assert!(taken(gyro(none)).time.unwrap().contains(&0.0043));
+    }
 }
 
 #[test]

@@ -55,6 +55,21 @@ impl Unexplained {
         });
         told.collect()
     }
+
+    /// Outputs of a fit in the time domain whose record and response are not one motion (a correlation of 0.9), while their residuals are one: what is left is no noise.
+    pub fn unlike(estimate: &Estimate) -> Vec<String> {
+        let Some(first) = estimate.runs.first() else { return Vec::new() };
+        let names: Vec<&str> =
+            estimate.outputs.iter().filter(|o| o.run == first.run).map(|o| o.name.as_str()).collect();
+        let is_unlike = |o: usize| {
+            let sums = Sums::of(estimate, o, names.len());
+            let residual = sums.smoothness();
+            sums.correlation().is_some_and(|r| r < ALIKE)
+                && residual > ALIKE
+                && residual * sums.count.sqrt() > NO_CHANCE
+        };
+        names.iter().enumerate().filter(|(o, _)| is_unlike(*o)).map(|(_, name)| (*name).to_string()).collect()
+    }
 }
 
 /// Sums over the compared samples of an output, of all runs.

@@ -94,6 +94,9 @@ pub fn option_names() -> impl Iterator<Item = &'static str> {
 
 /// The first option that was given and would be ignored.
 pub(crate) fn ignored(options: &FitOptions, method: Method, domain: Domain) -> Option<StrategyError> {
+    if !options.censored.is_empty() && (method, domain) != METHODS[0] {
+        return Some(StrategyError::Censored { method, domain });
+    }
     let column = METHODS.iter().position(|own| *own == (method, domain))?;
     let (option, ..) = OPTIONS.iter().find(|(_, columns, given)| !columns[column] && given(options))?;
     Some(StrategyError::OptionOfMethod { option, method, domain })

@@ -10,7 +10,7 @@ use crate::examined::unexplained::few_samples;
 use crate::methods::output_error::cross_validation::weights_by_validation;
 use crate::methods::output_error::error::{FitError, StrategyError};
 use crate::methods::output_error::fit::Fit;
-use crate::methods::output_error::noise_model::{deviations, without_infinite};
+use crate::methods::output_error::noise_model::{deviations, unlimited, without_infinite};
 use crate::methods::output_error::options::{FitOptions, SharedSteps};
 use crate::methods::output_error::robust::mistake;
 use crate::methods::output_error::single::{changed, chosen_steps, integration_faults, starts};
@@ -29,7 +29,7 @@ use crate::work::Work;
 use crate::work::checkpoint::{CheckpointWriter, EstimationStates};
 use fdm_grammar::model::Origin;
 use fdm_system::model::Model;
-use fdm_system::record::Run;
+use fdm_system::record::{Censored, Run};
 use fdm_system::simulate::Steps;
 use std::borrow::Cow;
 
@@ -105,8 +105,9 @@ impl<'r> Ready<'r> {
         let given = changed(model, &options.changes)?;
         let model = without_noise(&given);
         let mut options = options.clone().with_declared_noise(&model);
-        let deviations = deviations(&model, &options.options.noise);
-        if let Some(mistake) = mistake(&options, deviations.is_some()) {
+        let deviations = deviations(&model, &options.options.noise, &options.censored);
+        let unlimited = deviations.as_ref().and_then(|d| unlimited(&model, &options, d));
+        if let Some(mistake) = unlimited.or_else(|| mistake(&options, deviations.is_some())) {
             return Err(FitError::Strategy(mistake));
         }
         let start = starts(&model, runs, &options.changes);
@@ -149,7 +150,7 @@ fn smoothing_mistake(model: &Model, smooth_by: &SmoothBy, runs: usize) -> Option
 pub fn fit_from(start: &Attempt<'_>) -> Result<Fit, FitError> {
     let Attempt { model, runs, starts, options, work } = *start;
     let squares = without_noise(model);
-    let deviations = deviations(model, &options.options.noise);
+    let deviations = deviations(model, &options.options.noise, &options.censored);
     let known = deviations.as_ref().map(|d| without_infinite(&squares, runs, starts, d, work)).transpose()?;
     let runs = known.as_deref().unwrap_or(runs);
     let start = Attempt { runs, ..*start };
@@ -175,6 +176,12 @@ pub(crate) fn examined(mut fit: Fit, attempt: &Attempt<'_>) -> Result<Fit, FitEr
         work.doing("judging the residuals");
         let judge = |(run, result): (&Run, &RunFit)| run_quality(&fit.model, run, &result.response);
         fit.quality = runs.iter().zip(&fit.estimate.runs).flat_map(judge).collect();
+        for (k, quality) in fit.quality.iter_mut().enumerate() {
+            let output = k % fit.model.definition().outputs.len().max(1);
+            let of = |c: &&Censored| c.output == output && c.run == quality.fit.run;
+            let censored = options.censored.iter().filter(of).count();
+            *quality = quality.clone().with_censored(censored);
+        }
     }
     fit.integration_faults = integration_faults(&fit, runs, starts)?;
     let chosen = options.per_interval.is_none() && options.scheme.is_none();

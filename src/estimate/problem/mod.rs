@@ -51,6 +51,17 @@ pub struct Problem<'a> {
     pub noise_in_time: Option<Box<dyn NoiseInTime + 'a>>,
     /// Whether estimates are all that is asked for: intervals are then not looked at beyond their errors.
     pub bare: bool,
+    /// How well the noise is known of which some samples are known by a limit alone.
+    pub(crate) limited: Option<LimitedNoise>,
+}
+
+/// What determines the deviation of a noise of which some samples are known by a limit alone: these say little of it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct LimitedNoise {
+    /// Samples with values.
+    pub(crate) values: usize,
+    /// Parameters that are estimated and stand in the noise alone.
+    pub(crate) params: usize,
 }
 
 /// What the numbers of all runs are.
@@ -137,7 +148,20 @@ impl<'a> Problem<'a> {
     ) -> Self {
         let (affine, tables, smoothness) = Default::default();
         let (regressor_noise, noise_in_time) = (None, None);
-        Self { params, outputs, runs, affine, tables, smoothness, derived, regressor_noise, noise_in_time, bare: false }
+        let (bare, limited) = (false, None);
+        Self {
+            params,
+            outputs,
+            runs,
+            affine,
+            tables,
+            smoothness,
+            derived,
+            regressor_noise,
+            noise_in_time,
+            bare,
+            limited,
+        }
     }
 
     /// What the numbers of all runs are.

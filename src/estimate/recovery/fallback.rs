@@ -251,7 +251,8 @@ fn fitting(model: &Model, runs: &[Run]) -> Option<usize> {
 pub(crate) fn completed(attempt: &Attempt<'_>, reached: Option<&[Vec<f64>]>, first: Fit) -> Result<Fit, FitError> {
     let Attempt { model, starts, options, .. } = *attempt;
     let end = &first.estimate.termination;
-    let Some(deviations) = deviations(model, &options.options.noise).filter(|_| !end.is_stopped()) else {
+    let Some(deviations) = deviations(model, &options.options.noise, &options.censored).filter(|_| !end.is_stopped())
+    else {
         // without iterations the start values are judged
         let only_judged = options.options.iterations == 0 && matches!(end, Termination::IterationLimit);
         return match options.loss.is_squares() || !end.is_good() && !only_judged {

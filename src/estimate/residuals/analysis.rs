@@ -54,6 +54,24 @@ pub struct OutputQuality {
     pub untested: Option<Untested>,
 }
 
+impl OutputQuality {
+    /// Of an output with so many samples of which only a limit is known: the others are no sample of the noise, and nothing is tested.
+    pub(crate) fn with_censored(mut self, censored: usize) -> Self {
+        self.fit.censored = censored;
+        match censored {
+            0 => self,
+            _ => Self {
+                fit: self.fit,
+                whiteness: None,
+                spectrum: None,
+                distribution: None,
+                inputs: Vec::new(),
+                untested: Some(Untested::BelowLimit),
+            },
+        }
+    }
+}
+
 /// Judges the residuals of every output of a run.
 ///
 /// # Panics
@@ -232,6 +250,9 @@ pub struct OutputFit {
     pub run: String,
     /// Compared samples.
     pub compared: usize,
+    /// Samples of which only a limit is known that they lie below; they have no residuals.
+    #[serde(default, skip_serializing_if = "is_none")]
+    pub censored: usize,
     /// Root mean square of the residuals, in the output's unit; none when nothing was compared.
     pub rms: Option<f64>,
     /// Mean of the residuals (measured minus model), in the output's unit.
@@ -242,6 +263,10 @@ pub struct OutputFit {
     pub tic: Option<f64>,
     /// What the mismatch consists of; none when there is no mismatch.
     pub tic_parts: Option<TicParts>,
+}
+
+fn is_none(count: &usize) -> bool {
+    *count == 0
 }
 
 /// Theil's proportions of inequality: parts of the mean square residual, which add up to 1.
@@ -282,6 +307,7 @@ impl OutputFit {
             name: name.into(),
             run: run.into(),
             compared: count,
+            censored: 0,
             rms: known(square.sqrt(), true),
             bias: known(offset, true),
             r2: known(1.0 - square / spread, varies),

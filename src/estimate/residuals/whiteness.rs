@@ -149,6 +149,8 @@ pub enum Untested {
     TooFewSamples,
     /// The residuals do not vary.
     NoResidual,
+    /// Of some samples only a limit is known, so that the residuals of the others are a part of the noise.
+    BelowLimit,
 }
 
 impl fmt::Display for Untested {
@@ -157,6 +159,7 @@ impl fmt::Display for Untested {
             Self::UnevenSampling => "the samples are not at equal intervals",
             Self::TooFewSamples => "too few samples are compared",
             Self::NoResidual => "the residuals do not vary",
+            Self::BelowLimit => "samples below their limit have no residuals",
         })
     }
 }

@@ -108,8 +108,16 @@ impl Flight<'_> {
         let channel = Channel::new(quantity.name.clone(), quantity.unit.clone());
         let time = self.truth.definition().time.clone();
         let (inputs, none) = (vec![channel], Vec::new());
-        let wanted =
-            Channels { time, timed: true, samples: 2, inputs, outputs: none, driving: Vec::new(), slopes: Vec::new() };
+        let wanted = Channels {
+            time,
+            timed: true,
+            samples: 2,
+            inputs,
+            outputs: none,
+            driving: Vec::new(),
+            slopes: Vec::new(),
+            begins_anywhere: None,
+        };
         let map = vec![(quantity.name.clone(), column.to_string())];
         let (run, _) =
             read(&self.experiment.folder.join(file), &wanted, &ReadOptions { map, ..ReadOptions::default() })?;

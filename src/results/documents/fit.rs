@@ -468,6 +468,9 @@ pub struct OutputDocument {
     pub tic_parts: Option<TicParts>,
     /// Samples that were compared.
     pub compared: usize,
+    /// Samples of which only was compared that they lie below their limit.
+    #[serde(default, skip_serializing_if = "is_none")]
+    pub censored: usize,
     /// Whether the residual is white; missing where that was not asked, null where it could not be tested.
     #[serde(default, deserialize_with = "present", skip_serializing_if = "Option::is_none")]
     pub whiteness: Option<Option<Whiteness>>,
@@ -489,6 +492,10 @@ pub struct OutputDocument {
     /// Why there is no test, in words.
     #[serde(default, deserialize_with = "present", skip_serializing_if = "Option::is_none")]
     pub untested: Option<Option<String>>,
+}
+
+fn is_none(count: &usize) -> bool {
+    *count == 0
 }
 
 /// The noise of an output whose deviation is an expression, in the output's unit.
@@ -531,6 +538,7 @@ impl From<&OutputFit> for OutputDocument {
             tic: fit.tic,
             tic_parts: fit.tic_parts,
             compared: fit.compared,
+            censored: fit.censored,
             whiteness: None,
             spectrum: None,
             distribution: None,

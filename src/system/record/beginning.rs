@@ -142,7 +142,7 @@ pub fn stated(model: &Model) -> Vec<usize> {
 }
 
 /// Whether rates, outputs or events know the time.
-fn uses_time(model: &Model) -> bool {
+pub(super) fn uses_time(model: &Model) -> bool {
     let time = model.graph.depends(|leaf| matches!(leaf, Leaf::Time));
     let outputs = model.outputs.iter().map(|o| o.expr);
     let states = model.states.iter().flat_map(|s| {

@@ -1,5 +1,6 @@
 //! The channels that a model asks for, and where each is read from.
 
+use super::beginning::{stated, uses_time};
 use fdm_grammar::model::{Membership, Slope};
 use fdm_grammar::{Model, Unit};
 use std::fmt;
@@ -66,6 +67,8 @@ pub struct Channels {
     pub driving: Vec<usize>,
     /// The derivatives of inputs and records that drive the model or are shown, in the order of its hidden inputs.
     pub slopes: Vec<Slope>,
+    /// The number of states of a model that can begin at any sample: none of their initial values is stated, and nothing depends on the time since the beginning.
+    pub begins_anywhere: Option<usize>,
 }
 
 /// The channels of a model: time is wanted by states, delays, derivatives and explicit time.
@@ -86,6 +89,7 @@ pub fn channels(model: &Model) -> Channels {
         outputs: model.outputs.iter().map(|o| Channel { wrap: o.wrap, ..channel(&o.quantity) }).collect(),
         driving: model.inputs.iter().filter_map(|i| i.measured).map(|o| o as usize).collect(),
         slopes,
+        begins_anywhere: (dynamic && stated(model).is_empty() && !uses_time(model)).then_some(model.states.len()),
     }
 }
 

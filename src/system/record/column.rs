@@ -184,7 +184,7 @@ impl Builder {
         let (value, mark) = match text::scan(cell) {
             Cell::Gap => (f64::NAN, None),
             Cell::Number(value, mark) => (value, mark),
-            Cell::Infinite | Cell::Vanishing | Cell::Below | Cell::Text => {
+            Cell::Infinite | Cell::Vanishing | Cell::Below(_) | Cell::Text => {
                 column.values.push(f64::NAN);
                 let trimmed = cell.trim();
                 let end = trimmed.char_indices().nth(LONGEST).map_or(trimmed.len(), |(at, _)| at);

@@ -462,6 +462,17 @@ pub enum Fault {
     /// A value below what the instrument can tell.
     #[error("found `{0}`, a value below a limit, expected a number")]
     BelowLimit(String),
+    /// The text of a model.
+    #[error("this is a model, expected a record")]
+    IsModel,
+    /// A dose of a kind that is not read.
+    #[error("found {found}: {why}")]
+    Dose {
+        /// What stands there.
+        found: String,
+        /// What it is.
+        why: &'static str,
+    },
     /// A column for the time that counts rows.
     #[error("column `{0}` counts rows, and nothing says how many there are in a second")]
     Counter(String),

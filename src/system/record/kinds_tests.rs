@@ -1,7 +1,7 @@
 //! Tables as loggers and laboratories write them, one small file of each kind: what is read of it, and what is said.
 
 use super::*;
-use fdm_grammar::Unit;
+use fdm_grammar::{Model, Unit};
 use std::path::PathBuf;
 
 /// A model with states that wants `u` in volts and `y` without a unit.
@@ -15,6 +15,7 @@ fn wanted() -> Channels {
         outputs: vec![channel("y", "1")],
         driving: Vec::new(),
         slopes: Vec::new(),
+        begins_anywhere: None,
     }
 }
 
@@ -215,9 +216,20 @@ fn laboratories_repeat_limit_and_code() {
     assert_eq!((names, runs[0].0.measured[1..].to_vec()), (vec!["run#1", "run#2"], vec![2.5, 3.5]));
     assert!(runs[1].0.measured[0].is_nan() && runs[1].0.measured[1] == 2.75);
     let said = read("t,y\n0,1\n1,<0.5\n2,BLQ\n", &plain).unwrap_err();
-    assert!(said.contains("below a limit") && said.contains("--below-limit missing"), "{said}");
-    let below = ReadOptions { below_missing: true, ..plain.clone() };
-    assert_eq!(read("t,y\n0,1\n1,<0.5\n2,BLQ\n", &below).unwrap()[0].0.output_gaps, [2]);
+    assert!(said.contains("below a limit") && said.contains("--below-limit 0.5"), "{said}");
+    let missing = ReadOptions { below_limit: BelowLimit::Missing, ..plain.clone() };
+    let (run, summary) = read("t,y\n0,1\n1,<0.5\n2,BLQ\n", &missing).unwrap().remove(0);
+    assert_eq!((run.output_gaps, summary.censored), (vec![2], Vec::new()));
+    let limit = ReadOptions { below_limit: BelowLimit::Limit(0.25), ..plain.clone() };
+    let (run, summary) = read("t,y\n3,1\n4,<0.5\n5,BLQ\n6,.\n", &limit).unwrap().remove(0);
+    let known: Vec<_> = summary.censored.iter().map(|c| (c.output, c.time, c.limit)).collect();
+    assert_eq!((known, run.output_gaps), (vec![(0, 1.0, 0.5), (0, 2.0, 0.25)], vec![1]));
+    let cut = ReadOptions { begin: Some(3.0), from: Some(5.0), ..limit };
+    let (_, summary) = read("t,y\n3,1\n4,<0.5\n5,BLQ\n6,2\n7,1\n", &cut).unwrap().remove(0);
+    assert_eq!(summary.censored.iter().map(|c| c.time).collect::<Vec<_>>(), [2.0], "what lies before is not compared");
+    let runs = read("t,y\n0,1\n1,<0.5\n1,0.75\n2,<0.5\n2,<0.5\n", &plain).unwrap();
+    let counts: Vec<usize> = runs.iter().map(|(_, summary)| summary.censored.len()).collect();
+    assert_eq!((values(&runs)[1].len(), counts), (1, vec![2, 0]), "a value beside a limit is a repeat");
     let (run, summary) = read("t,y\n0,1\n1,-999\n2,3\n3,.\n", &plain).unwrap().remove(0);
     assert_eq!(run.output_gaps, [2]);
     assert!(summary.notes.iter().any(|n| n.to_string().contains("1 cell(s) hold -999, read as missing")));
@@ -247,4 +259,88 @@ fn units_are_read_as_they_are_spelled() {
         let (found, said) = read(title, unit);
         assert!((found - value).abs() < 1e-9 * value && said.contains(part), "{title}: {found} {said}");
     }
+}
+
+/// Amounts that are given are an input by its derivative.
+fn dosed(text: &str) -> Model {
+    let body = "param k = 0.5 in [0, 5] [1/h]; state x [mg] = 0; der(x) = der(dose) - k*x; output conc [mg] = x;";
+    let text = format!("model m {{ time [h]; input dose [mg]; {text} {body} }}");
+    fdm_grammar::compile(&fdm_grammar::Source::new("m.fdm", text)).expect("a model").model
+}
+
+#[test]
+fn doses_are_the_amount_given_so_far() {
+    let model = dosed("");
+    let read = |table: &str| all(table.as_bytes(), &channels(&model), &ReadOptions::default());
+    let head = "TIME,AMT,RATE,ADDL,II,DV,EVID\n";
+    let (run, summary) =
+        read(&format!("{head}0,100,0,.,.,.,1\n1,.,.,.,.,9,0\n2,60,30,1,8,.,1\n3,.,.,.,.,8,0\n20,.,.,.,.,1,0\n"))
+            .unwrap()
+            .remove(0);
+    // at once within a billionth of the interval, at 30 an hour from 2 to 4, and once more from 10 to 12
+    let width = run.held.len();
+    let given: Vec<(f64, f64)> =
+        run.time.iter().zip(run.inputs.chunks_exact(width)).map(|(t, row)| (*t, row[0])).collect();
+    let wanted = [
+        (0.0, 0.0),
+        (1e-9, 100.0),
+        (1.0, 100.0),
+        (2.0, 100.0),
+        (3.0, 130.0),
+        (4.0, 160.0),
+        (10.0, 160.0),
+        (12.0, 220.0),
+        (20.0, 220.0),
+    ];
+    assert_eq!(given, wanted);
+    assert_eq!((summary.used, run.is_compared(1), run.measured[2]), (5, false, 9.0));
+    assert!(summary.notes.iter().any(|n| n.to_string().contains("3 dose(s) of column `AMT`")), "{:?}", summary.notes);
+    let said = |rows: &str| read(&format!("{head}{rows}9,.,.,.,.,1,0\n")).unwrap_err();
+    for (rows, place, cure) in [
+        ("0,100,-2,.,.,.,1\n", "RATE", "write the rate"),
+        ("0,100,0,.,.,.,1\n4,.,.,.,.,.,3\n", "EVID", "--runs-by"),
+        ("0,100,0,3,.,.,1\n", "ADDL", "`II`"),
+    ] {
+        let said = said(rows);
+        assert!(said.contains(place) && said.contains(cure) && said.contains("line"), "{said}");
+    }
+    let still =
+        fdm_grammar::Source::new("m", "model m { state x = 4; param k = 0.5; der(x) = -k*x; output conc = x; }");
+    let still = fdm_grammar::compile(&still).expect("a model").model;
+    let read = |table: &str| all(table.as_bytes(), &channels(&still), &ReadOptions::default());
+    let (_, summary) = read("TIME,AMT,DV\n0,100,.\n1,.,5\n2,.,3\n").unwrap().remove(0);
+    assert!(summary.notes.iter().any(|n| n.to_string().contains("no input takes them")), "{:?}", summary.notes);
+}
+
+#[test]
+fn a_run_goes_on_behind_a_pause_as_another_where_it_can_begin_anywhere() {
+    let of = |initial: &str| {
+        let text = format!("model m {{ input u; state y {initial}; param k = 0.5; der(y) = u - k*y; output z = y; }}");
+        fdm_grammar::compile(&fdm_grammar::Source::new("m", text)).expect("a model").model
+    };
+    let row = |k: usize| {
+        format!(
+            "{},{},{}\n",
+            if k < 10 {
+                k
+            } else if k < 18 {
+                k + 40
+            } else {
+                k + 90
+            },
+            k % 3,
+            k
+        )
+    };
+    let table: String = std::iter::once("t,u,z\n".to_string()).chain((0..19).map(row)).collect();
+    let read = |model: &Model| all(table.as_bytes(), &channels(model), &ReadOptions::default()).unwrap();
+    let runs = read(&of("= free"));
+    let ends: Vec<(usize, f64)> = runs.iter().map(|(run, _)| (run.len(), run.time[run.len() - 1])).collect();
+    assert_eq!(ends, [(10, 9.0), (8, 7.0)]);
+    let said = "cut at 2 pause(s) into 2 run(s)";
+    assert!(runs[1].1.notes.iter().any(|n| n.to_string().contains(said)), "{:?}", runs[1].1.notes);
+    assert!(!runs[1].1.notes.iter().any(|n| n.to_string().contains("repeats")));
+    let whole = read(&of("= 0"));
+    assert_eq!(whole.len(), 1, "its beginning is stated");
+    assert!(whole[0].1.notes.iter().any(|n| n.to_string().contains("no sample for")));
 }

@@ -142,11 +142,11 @@ impl Asked {
         summary.notes.retain(|n| !matches!(n, Note::Constant { channel, .. } if constant(channel)));
         let times = usize::from(summary.sources.first().is_some_and(|s| s.role == Role::Time));
         summary.sources.truncate(times + self.channels.inputs.len() + q);
-        let run = if self.masks.is_empty() { run } else { self.masked(whole, options, run, &mut summary.notes) };
+        let run = if self.masks.is_empty() { run } else { self.masked(whole, options, run, summary) };
         if self.given.is_empty() { run } else { self.widened(whole, run, &mut summary.sources) }
     }
 
-    fn masked(&self, whole: &Channels, options: &ReadOptions, mut run: Run, notes: &mut Vec<Note>) -> Run {
+    fn masked(&self, whole: &Channels, options: &ReadOptions, mut run: Run, summary: &mut Summary) -> Run {
         let (width, q) = (run.output_gaps.len(), whole.outputs.len());
         for (mask, column) in options.masks.iter().zip(&self.masks) {
             for (o, output) in whole.outputs.iter().enumerate() {
@@ -154,15 +154,19 @@ impl Asked {
                     continue;
                 }
                 let mut samples = 0;
-                for row in
-                    run.measured.chunks_exact_mut(width).filter(|row| row[*column] == 0.0 || row[*column].is_nan())
-                {
+                let rows = run.measured.chunks_exact_mut(width).zip(&run.time);
+                for (row, time) in rows.filter(|(row, _)| row[*column] == 0.0 || row[*column].is_nan()) {
                     samples += usize::from(!row[o].is_nan());
                     row[o] = f64::NAN;
+                    summary.censored.retain(|c| (c.output, c.time) != (o, *time));
                 }
                 if samples > 0 {
                     run.output_gaps[o] += samples;
-                    notes.push(Note::Masked { output: output.name.clone(), column: mask.column.clone(), samples });
+                    summary.notes.push(Note::Masked {
+                        output: output.name.clone(),
+                        column: mask.column.clone(),
+                        samples,
+                    });
                 }
             }
         }

@@ -57,7 +57,7 @@ impl Line {
         for cell in &line.cells {
             let is_number = match text::scan(cell) {
                 Cell::Gap if cell.trim().is_empty() => continue,
-                Cell::Gap | Cell::Below => false,
+                Cell::Gap | Cell::Below(_) => false,
                 Cell::Number(..) | Cell::Infinite | Cell::Vanishing => true,
                 Cell::Text if clock::is_stamp(cell) => true,
                 Cell::Text => {

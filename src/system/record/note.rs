@@ -122,6 +122,15 @@ pub enum Note {
         /// What tells them apart: the column and its value; rows of one time otherwise.
         by: Option<(String, String)>,
     },
+    /// Pauses behind which the run goes on as another one.
+    Segments {
+        /// How many pauses.
+        pauses: usize,
+        /// Runs that they leave.
+        runs: usize,
+        /// Samples of pieces too short for a beginning of their own.
+        lost: usize,
+    },
     /// Numbers or words that stand for missing values.
     Code {
         /// Title of the column.
@@ -133,7 +142,7 @@ pub enum Note {
         /// Whether nobody said so.
         guessed: bool,
     },
-    /// Values below a limit, left out.
+    /// Values below a limit.
     BelowLimit {
         /// Title of the column.
         column: String,
@@ -203,7 +212,7 @@ impl Note {
             Self::Part { .. } => "part",
             Self::Code { .. } | Self::BelowLimit { .. } => "missing",
             Self::Begins { .. } | Self::FirstRow { .. } => "begin",
-            Self::Pause { .. } => "pause",
+            Self::Pause { .. } | Self::Segments { .. } => "pause",
         }
     }
 
@@ -287,12 +296,20 @@ impl fmt::Display for Note {
             Self::Part { number, of, by: None } => {
                 write!(f, "rows of one time are repeats: this is run {number} of {of}, each with one of them")
             }
+            Self::Segments { pauses, runs, lost } => {
+                let behind = "what drove the model meanwhile is not known";
+                write!(f, "cut at {pauses} pause(s) into {runs} run(s) with beginnings of their own: {behind}")?;
+                if *lost > 0 { write!(f, "; {lost} sample(s) between pauses are too few for one") } else { Ok(()) }
+            }
             Self::Code { column, code, cells, guessed } => {
                 write!(f, "column `{column}`: {cells} cell(s) hold {code}, read as missing")?;
                 if *guessed { write!(f, " (--missing none keeps them)") } else { Ok(()) }
             }
             Self::BelowLimit { column, cells } => {
-                write!(f, "column `{column}`: {cells} value(s) below a limit are left out; what is left leans upwards")
+                write!(
+                    f,
+                    "column `{column}`: {cells} value(s) are below their limit, and nothing else is known of them (censored)"
+                )
             }
             Self::Begins { begin, first, unit, kept, rows } => begins(f, (*begin, *first, unit), *kept, *rows),
             Self::FirstRow { first, unit, states, explicit } => first_row(f, (*first, unit), states, *explicit),

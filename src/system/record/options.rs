@@ -45,9 +45,9 @@ pub struct ReadOptions {
     /// Numbers and texts that stand where nothing was measured; `none` where -999 and the like are measured values.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub missing: Vec<String>,
-    /// Whether values below a limit (`<0.5`, `BLQ`) are left out as if they were missing.
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub below_missing: bool,
+    /// What values below a limit (`<0.5`, `BLQ`) say.
+    #[serde(default, skip_serializing_if = "BelowLimit::is_default")]
+    pub below_limit: BelowLimit,
     /// Whether rows of one time are repeats, each a run of its own.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub replicates: bool,
@@ -66,6 +66,37 @@ pub struct ReadOptions {
     /// Which samples are compared.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub masks: Vec<Mask>,
+}
+
+/// What is made of a value of an output below the limit of quantification.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub enum BelowLimit {
+    /// It is less than the limit that stands in its cell, and that is compared (left-censored).
+    #[default]
+    Censored,
+    /// So it is, and this is the limit where none stands in its cell, in the unit of the column.
+    Limit(f64),
+    /// It is left out as if it were missing.
+    Missing,
+}
+
+impl BelowLimit {
+    fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+/// A sample of an output of which no more is known than that it lies below a limit: left-censored.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Censored {
+    /// Name of the run.
+    pub run: String,
+    /// The output, by its place among those of the model.
+    pub output: usize,
+    /// When, as a sample of the run has it.
+    pub time: f64,
+    /// The limit, in the output's unit.
+    pub limit: f64,
 }
 
 /// A value that a run brings.
@@ -120,7 +151,7 @@ impl Default for ReadOptions {
             salvage: false,
             rate: None,
             missing: Vec::new(),
-            below_missing: false,
+            below_limit: BelowLimit::default(),
             replicates: false,
             runs_by: None,
             part: None,

@@ -7,11 +7,12 @@ use super::error::{Fault, Names, Problem, RecordError, excerpt};
 use super::grid::Dialect;
 use super::holds::Holds;
 use super::note::Note;
-use super::options::ReadOptions;
+use super::options::{Censored, ReadOptions};
+use super::pauses::{self, PAUSE};
 use super::run::Run;
 use super::samples::{self, Samples};
 use super::table::Table;
-use super::{beginning, derived, known, log, missing, search, shape, times};
+use super::{beginning, derived, doses, known, log, missing, search, shape, times};
 use fdm_grammar::diagnostic::nearest;
 use std::path::Path;
 
@@ -109,6 +110,7 @@ fn demanding(
         notes.append(&mut part.notes);
         let value = by.as_ref().map(|(_, value)| value);
         let name = value.map_or_else(|| name_of(path), |value| format!("{}#{value}", name_of(path)));
+        let options = &doses::conventions(&part, columns, options);
         runs.extend(
             assemble(name, &part, columns, options, (&demands, notes))
                 .map_err(told)?
@@ -122,7 +124,8 @@ fn demanding(
         if options.part.is_some_and(|part| part != number) {
             continue;
         }
-        if of > 1 {
+        let is_piece = by.is_none() && summary.notes.iter().any(|note| matches!(note, Note::Segments { .. }));
+        if of > 1 && !is_piece {
             summary.notes.push(Note::Part { number: number + 1, of, by });
         }
         found.push((asked.completed(channels, options, run, &mut summary), summary));
@@ -174,13 +177,24 @@ fn assemble(
     }
     let plan = search::plan(table, channels, options, demands, &mut notes).map_err(|p| problems.extend(p));
     let (Ok(plan), true) = (plan, problems.is_empty()) else { return Err(problems) };
-    let repeats = samples::collect(table, &plan, channels.timed, options)?;
+    let dosed = doses::inputs(table, &plan, channels);
+    let mut repeats = samples::collect((table, &dosed), &plan, channels.timed, options)?;
+    doses::give(&mut repeats, (table, &plan), channels, &mut notes)?;
     // a repeat may be short: what all of them hold is enough
     if let Some(first) = repeats.first() {
         check_amount(table, &plan, channels, demands, first)?;
     }
+    let free: Vec<usize> = (0..plan.inputs.len()).filter(|k| !dosed.contains(k)).collect();
+    let mut whole = |samples| {
+        if channels.timed && options.beginning().is_none() {
+            pauses::cut(samples, (&free, channels), &mut notes)
+        } else {
+            vec![samples]
+        }
+    };
+    let pieces: Vec<Samples> = repeats.into_iter().flat_map(&mut whole).collect();
     let one = |samples| run_of(name.clone(), (table, &plan), channels, options, (samples, notes.clone()));
-    repeats.into_iter().map(one).collect()
+    pieces.into_iter().map(one).collect()
 }
 
 /// The run of selected rows.
@@ -203,6 +217,9 @@ fn run_of(
     let taken = holds.taken.iter().map(|k| channels.inputs[*k].name.clone());
     notes.extend(taken.map(|input| Note::TakenForHeld { input }));
     known::unwrapped(&mut samples.measured, &channels.outputs, &mut notes);
+    let limits = std::mem::take(&mut samples.limits);
+    let inserted = std::mem::take(&mut samples.inserted);
+    let name_of_run = name.clone();
     let mut run = finish(name, samples, plan, channels, (holds, &lead), &mut notes)?;
     known::same_in_all(&run, channels).map_err(|problem| vec![problem])?;
     let names: Vec<_> = names(channels).collect();
@@ -212,18 +229,39 @@ fn run_of(
         return Err(unheld);
     }
     let counted = run.time.iter().enumerate().all(|(k, t)| *t == k as f64);
-    let recorded = &run.time[lead.before()..];
-    let sampling = if channels.timed || !counted { Sampling::new(recorded) } else { None };
-    let empty = |(k, _): &(usize, &Option<Source>)| !run.measures(*k);
+    let recorded = run.time[lead.before()..].iter().enumerate().filter(|(k, _)| !inserted.contains(k));
+    let recorded: Vec<f64> = recorded.map(|(_, t)| *t).collect();
+    let sampling = if channels.timed || !counted { Sampling::new(&recorded) } else { None };
+    limits.iter().for_each(|(_, output, _)| run.output_gaps[*output] -= 1);
+    let censored = limits.iter().map(|(sample, output, limit)| Censored {
+        run: name_of_run.clone(),
+        output: *output,
+        time: run.time[sample + lead.before()],
+        limit: *limit,
+    });
+    let first_compared = run.time.get(lead.rows()).copied().unwrap_or(f64::INFINITY);
+    let censored: Vec<Censored> = censored.filter(|c| c.time >= first_compared).collect();
+    let empty = |(k, _): &(usize, &Option<Source>)| !run.measures(*k) && !limits.iter().any(|l| l.1 == *k);
     let columns = plan.outputs.iter().enumerate().filter(|(_, source)| source.is_some());
     notes.extend(columns.filter(empty).map(|(k, _)| Note::NotMeasured { output: channels.outputs[k].name.clone() }));
+    notes.extend(below_limits(&limits, table, plan));
     notes.extend(suspicions(&run, &names, sampling));
     let sources = sources(table, plan, &run, &names);
-    let used = run.len() - lead.before();
+    let used = run.len() - lead.before() - inserted.len();
     lead.uncompared(&mut run);
     notes.extend(first.and_then(|first| lead.note(first, plan.time.as_ref(), !channels.inputs.is_empty())));
     let format = table.format;
-    Ok((run, Summary { format, dialect, rows, used, lead: lead.rows(), question, sources, sampling, notes }))
+    Ok((run, Summary { format, dialect, rows, used, lead: lead.rows(), question, sources, sampling, censored, notes }))
+}
+
+/// What is said of samples below a limit.
+fn below_limits(limits: &[(usize, usize, f64)], table: &Table, plan: &Plan) -> Vec<Note> {
+    let of = |(o, source): (usize, &Option<Source>)| {
+        let cells = limits.iter().filter(|(_, output, _)| *output == o).count();
+        let column = &table.columns[source.as_ref().filter(|_| cells > 0)?.column];
+        Some(Note::BelowLimit { column: column.heading.title.clone(), cells })
+    };
+    plan.outputs.iter().enumerate().filter_map(of).collect()
 }
 
 fn names(channels: &Channels) -> impl Iterator<Item = (Role, String)> {
@@ -307,7 +345,8 @@ fn check_amount(
         |k: usize| empty(&samples.inputs, m, k).then_some((Role::Input, &channels.inputs[k], &plan.inputs[k]));
     let no_output = |k: usize| {
         let source = plan.outputs[k].as_ref().filter(|_| demands[k] == Demand::Needed)?;
-        empty(&samples.measured, q, k).then_some((Role::Output, &channels.outputs[k], source))
+        let limited = samples.limits.iter().any(|(_, output, _)| *output == k);
+        (empty(&samples.measured, q, k) && !limited).then_some((Role::Output, &channels.outputs[k], source))
     };
     let problem = |(role, channel, source): (Role, &Channel, &Source)| {
         let fault = Fault::NoValues { role, channel: channel.name.clone() };
@@ -429,6 +468,8 @@ pub struct Summary {
     pub sources: Vec<ChannelSource>,
     /// Spacing of the samples; `None` for one sample, and where samples are counted.
     pub sampling: Option<Sampling>,
+    /// Samples of which only a limit is known that they lie below.
+    pub censored: Vec<Censored>,
     /// What a careful reader would mention.
     pub notes: Vec<Note>,
 }
@@ -488,8 +529,6 @@ impl Sampling {
 /// The notes that follow from the samples alone; `names` are those of the columns, inputs before outputs.
 pub(crate) fn suspicions(run: &Run, names: &[(Role, String)], sampling: Option<Sampling>) -> Vec<Note> {
     const FEWEST: usize = 3;
-    /// Intervals of uneven sampling differ; a pause is far beyond that.
-    const PAUSE: f64 = 10.0;
     let (width, outputs) = (run.held.len(), run.output_gaps.len());
     let inputs = names.len() - outputs;
     let column = |k: usize| -> (&[f64], usize, usize) {

@@ -4,9 +4,10 @@ use super::channel::{Plan, Source};
 use super::column::{Column, Thousands};
 use super::error::{Fault, Problem, excerpt};
 use super::grid::{Delimiter, Mark};
-use super::options::ReadOptions;
+use super::options::{BelowLimit, ReadOptions};
 use super::table::{CUT, Table};
 use super::text::{self, Cell};
+use std::ops::Range;
 
 /// Selected rows: times as they stand in the file, channels in the model's units, NaN in gaps.
 #[derive(Debug, Default, Clone)]
@@ -21,6 +22,10 @@ pub(crate) struct Samples {
     pub(crate) measured: Vec<f64>,
     /// Samples of each output without a value at which its sensor was not sampled (q, or nothing).
     pub(crate) unsampled: Vec<usize>,
+    /// Samples that are known to lie below a limit, where they hold NaN: sample, output, limit in the model's unit.
+    pub(crate) limits: Vec<(usize, usize, f64)>,
+    /// Samples at instants of doses that have no row.
+    pub(crate) inserted: Vec<usize>,
     /// Times of the first and last row of the file.
     pub(crate) span: Option<(f64, f64)>,
     /// Rows that repeat the row before, and the line of the first.
@@ -38,6 +43,26 @@ impl Samples {
     }
 }
 
+impl Samples {
+    /// Some neighbouring samples.
+    pub(crate) fn piece(&self, of: Range<usize>) -> Self {
+        let n = self.time.len().max(1);
+        let rows = |values: &[f64]| {
+            let width = values.len() / n;
+            values[of.start * width..of.end * width].to_vec()
+        };
+        let measured = rows(&self.measured);
+        let q = self.unsampled.len();
+        let gaps = |k: usize| measured.iter().skip(k).step_by(q).filter(|v| v.is_nan()).count();
+        // which of the gaps are those is not kept
+        let unsampled = self.unsampled.iter().enumerate().map(|(k, all)| gaps(k).min(*all)).collect();
+        let limits = self.limits.iter().filter(|l| of.contains(&l.0)).map(|l| (l.0 - of.start, l.1, l.2)).collect();
+        let inserted = self.inserted.iter().filter(|k| of.contains(k)).map(|k| k - of.start).collect();
+        let time = self.time[of.clone()].to_vec();
+        Self { time, inputs: rows(&self.inputs), measured, unsampled, limits, inserted, ..self.clone() }
+    }
+}
+
 /// Times up to which rows of one time are taken for repeats of a laboratory without a word.
 const FEW_TIMES: usize = 200;
 
@@ -46,13 +71,13 @@ const FEW_TIMES: usize = 200;
 /// # Errors
 /// Every problem of the rows, by column: the first place with its fault, a few more lines, and how many follow.
 pub(crate) fn collect(
-    table: &Table,
+    (table, dosed): (&Table, &[usize]),
     plan: &Plan,
     timed: bool,
     options: &ReadOptions,
 ) -> Result<Vec<Samples>, Vec<Problem>> {
     let all: Vec<usize> = (0..table.rows()).collect();
-    let mut collector = Collector::new(table, plan, options, timed);
+    let mut collector = Collector::new((table, dosed), plan, options, timed);
     collector.marks();
     let mut repeats = collector.rows(&all);
     let few = collector.samples.time.len() <= FEW_TIMES;
@@ -65,7 +90,7 @@ pub(crate) fn collect(
     }
     let mut parts = vec![collector.finish()?];
     while !repeats.is_empty() {
-        let mut collector = Collector::new(table, plan, options, timed);
+        let mut collector = Collector::new((table, dosed), plan, options, timed);
         let rows: Vec<usize> = repeats.iter().map(|(_, row)| *row).collect();
         repeats = collector.rows(&rows);
         parts.push(collector.finish()?);
@@ -79,7 +104,7 @@ pub(crate) fn collect(
 /// Every cell that is neither number nor gap.
 pub(crate) fn numbers(table: &Table, column: usize) -> Result<(), Vec<Problem>> {
     let (plan, options) = (Plan::default(), ReadOptions::default());
-    let mut collector = Collector::new(table, &plan, &options, false);
+    let mut collector = Collector::new((table, &[]), &plan, &options, false);
     let is_clock = table.is_clock(column);
     for (row, _) in table.columns[column].texts() {
         if table.columns[column].values[row].is_nan() {
@@ -95,6 +120,8 @@ struct Collector<'a> {
     options: &'a ReadOptions,
     timed: bool,
     samples: Samples,
+    /// Inputs that are read from amounts of doses, cell by cell of no row.
+    dosed: &'a [usize],
     tallies: Vec<Tally>,
     /// Instants between `--from` and `--to`.
     selected: usize,
@@ -120,9 +147,9 @@ enum Kind {
 }
 
 impl<'a> Collector<'a> {
-    fn new(table: &'a Table, plan: &'a Plan, options: &'a ReadOptions, timed: bool) -> Self {
+    fn new((table, dosed): (&'a Table, &'a [usize]), plan: &'a Plan, options: &'a ReadOptions, timed: bool) -> Self {
         let samples = Samples { unsampled: vec![0; plan.outputs.len()], ..Samples::default() };
-        Self { table, plan, options, timed, samples, tallies: Vec::new(), selected: 0, before: None }
+        Self { table, plan, options, timed, samples, dosed, tallies: Vec::new(), selected: 0, before: None }
     }
 
     /// Reads rows; gives those whose time the row before has too, with other values: time and row.
@@ -177,12 +204,20 @@ impl<'a> Collector<'a> {
 
     /// Adds the values of a row to the sample of the same instant, unless it has others.
     fn merged(&mut self, row: usize) -> bool {
+        let known = self.samples.limits.len();
         let (inputs, outputs) = self.channels(row);
         let own = |values: &[f64], width: usize| values.len() - width;
         let (i, o) = (own(&self.samples.inputs, inputs.len()), own(&self.samples.measured, outputs.len()));
         let (have, seen) = (&mut self.samples.inputs[i..], &mut self.samples.measured[o..]);
         let differs = |(a, b): (&f64, &f64)| !a.is_nan() && !b.is_nan() && a != b;
-        if have.iter().zip(&inputs).any(differs) || seen.iter().zip(&outputs).any(differs) {
+        // a limit beside a value, or another limit, is a repeat
+        let sample = self.samples.time.len().saturating_sub(1);
+        let (before, new) = self.samples.limits.split_at(known);
+        let limited = |o: usize| before.iter().any(|(at, output, _)| (*at, *output) == (sample, o));
+        let clash = |o: usize| limited(o) && !outputs[o].is_nan() || !seen[o].is_nan() && new.iter().any(|n| n.1 == o);
+        let twice = new.iter().any(|(_, o, _)| limited(*o)) || (0..outputs.len()).any(clash);
+        if twice || have.iter().zip(&inputs).any(differs) || seen.iter().zip(&outputs).any(differs) {
+            self.samples.limits.truncate(known);
             return false;
         }
         let new = have.iter_mut().chain(seen.iter_mut()).zip(inputs.iter().chain(&outputs));
@@ -218,10 +253,20 @@ impl<'a> Collector<'a> {
 
     fn channels(&mut self, row: usize) -> (Vec<f64>, Vec<f64>) {
         let plan = self.plan;
-        let inputs = plan.inputs.iter().map(|source| self.channel(source, row)).collect();
+        let of =
+            |(k, source): (usize, &Source)| if self.dosed.contains(&k) { f64::NAN } else { self.channel(source, row) };
+        let inputs = plan.inputs.iter().enumerate().map(of).collect();
         let mut outputs = Vec::with_capacity(plan.outputs.len());
         for (k, source) in plan.outputs.iter().enumerate() {
-            let value = source.as_ref().map_or(f64::NAN, |s| self.channel(s, row));
+            let below = source.as_ref().and_then(|s| Some((s, self.below(s, row)?)));
+            let value = match (&below, source) {
+                (None, Some(source)) => self.channel(source, row),
+                _ => f64::NAN,
+            };
+            if let Some((source, Some(limit))) = below {
+                let sample = self.samples.time.len().saturating_sub(1);
+                self.samples.limits.push((sample, k, source.convert(limit)));
+            }
             outputs.push(value);
             let sampled = |s: &Source| self.table.columns[s.column].sampled.get(row).is_none_or(|sampled| *sampled);
             if source.as_ref().is_some_and(|s| value.is_nan() && !sampled(s)) {
@@ -243,6 +288,24 @@ impl<'a> Collector<'a> {
         converted
     }
 
+    /// Of a cell of an output that is below a limit, that limit in the unit of the column; none within where the sample is to be left out, or the cell
+    /// has been blamed.
+    fn below(&mut self, source: &Source, row: usize) -> Option<Option<f64>> {
+        let text = self.table.columns[source.column].text(row)?;
+        let Cell::Below(stated) = text::scan(text) else { return None };
+        let limit = match self.options.below_limit {
+            BelowLimit::Missing => return Some(None),
+            BelowLimit::Censored => stated,
+            BelowLimit::Limit(limit) => stated.or(Some(limit)),
+        };
+        // turned about it would be above, and a logarithm may have none
+        let usable = limit.filter(|limit| source.scale > 0.0 && source.convert(*limit).is_finite());
+        if usable.is_none() {
+            self.blame(Kind::Cell, Some(source.column), row, Fault::BelowLimit(excerpt(text)));
+        }
+        Some(usable)
+    }
+
     /// The number in a cell, NaN for a gap; `None` when it has been blamed.
     fn number(&mut self, column: usize, row: usize) -> Option<f64> {
         let own = &self.table.columns[column];
@@ -253,8 +316,8 @@ impl<'a> Collector<'a> {
         }
         let Some(text) = own.text(row) else { return Some(value) };
         let fault = match text::scan(text) {
-            Cell::Below if self.options.below_missing => return Some(f64::NAN),
-            Cell::Below => Fault::BelowLimit(excerpt(text)),
+            Cell::Below(_) if self.options.below_limit == BelowLimit::Missing => return Some(f64::NAN),
+            Cell::Below(_) => Fault::BelowLimit(excerpt(text)),
             Cell::Infinite => Fault::Infinite(excerpt(text)),
             Cell::Vanishing => Fault::Vanishing(excerpt(text)),
             _ => Fault::NotANumber(excerpt(text)),
@@ -354,7 +417,9 @@ impl<'a> Collector<'a> {
                 format!("leave a cell empty where nothing was measured, or say --missing {text}")
             }
             Fault::BelowLimit(_) => {
-                "say --below-limit missing to leave such samples out; estimates lean then to what was seen".into()
+                "of an output say the limit in the unit of the column, --below-limit 0.5, or write `<0.5`; \
+                 --below-limit missing leaves such samples out, and estimates lean then to what was seen"
+                    .into()
             }
             Fault::NotRising { before, found, .. } if before == found => {
                 let runs = self.column_of_runs().map_or(String::new(), |by| format!("; --runs-by \"{by}\" for the runs of a table"));

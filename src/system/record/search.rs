@@ -166,6 +166,14 @@ impl Search<'_> {
     fn missing_time(&mut self) {
         let titles = self.table.titles();
         let table = self.table;
+        // a column that is called so and holds something else
+        let text = times::called_so(table).find_map(|k| Some((k, table.columns[k].texts().next()?)));
+        if let Some((k, (row, text))) = text {
+            let hint = "times are numbers without separated thousands, dates as 2026-05-01T12:34:56.7, or clock times as 12:34:56.7";
+            let fault = Fault::NotANumber(excerpt(text)).at(table.line(row)).column(&table.columns[k].heading.title);
+            self.problems.push(Problem { place: table.place, ..fault.hint(hint) });
+            return;
+        }
         let may_be = may_be_time(self.channels, self.options);
         let free = |k: &usize| may_be(&table.columns[*k].heading);
         let of_unit = |k: &usize| table.columns[*k].heading.unit.as_deref().is_some_and(|u| self.is_time_unit(u));

@@ -54,6 +54,10 @@ impl Table {
     /// The table of a text.
     pub(crate) fn of_text(bytes: Vec<u8>) -> Result<Self, Problem> {
         let decoded = text::decode(bytes)?;
+        if text::is_model(&decoded.text) {
+            let hint = "records stand behind the model, `fdm fit MODEL RECORD`: tables such as CSV with a header `t [s],u [V],..`";
+            return Err(Fault::IsModel.anywhere().hint(hint));
+        }
         let encoding = decoded.encoding;
         let mut table = Self::of_decoded(decoded, None)?;
         table.notes.extend(encoding.map(|e| Note::Layout(format!("the text is written in {e}"))));

@@ -22,6 +22,7 @@ fn wanted(inputs: &[(&str, &str)], outputs: &[(&str, &str)]) -> Channels {
         outputs: list(outputs),
         driving: Vec::new(),
         slopes: Vec::new(),
+        begins_anywhere: None,
     }
 }
 

@@ -178,12 +178,23 @@ pub(crate) enum Cell {
     Number(f64, Option<Mark>),
     /// Infinite, or larger than double precision holds.
     Infinite,
-    /// Below the limit that an instrument can tell: `<0.5`, `BLQ`.
-    Below,
+    /// Below the limit that an instrument can tell, and that limit where it stands there: `<0.5`, `BLQ`.
+    Below(Option<f64>),
     /// Not zero, but nearer to it than double precision holds.
     Vanishing,
     /// Anything else.
     Text,
+}
+
+/// Whether a text is that of a model: its first word that is no comment is `model`, with a name and a brace behind it.
+pub(crate) fn is_model(text: &str) -> bool {
+    let mut rest = text.trim_start();
+    while let Some(comment) = rest.strip_prefix("//") {
+        rest = comment.split_once('\n').map_or("", |(_, behind)| behind).trim_start();
+    }
+    let Some(named) = rest.strip_prefix("model ") else { return false };
+    let behind = named.trim_start().trim_start_matches(|c: char| c.is_alphanumeric() || c == '_').trim_start();
+    behind.starts_with('{') || behind.starts_with('"') && behind.contains('{')
 }
 
 /// Words that instruments and programs write where nothing was measured, in any case; an empty cell as well, and
@@ -221,9 +232,11 @@ fn scan_unusual(text: &str) -> Cell {
     if INFINITE.contains(&unsigned) {
         return Cell::Infinite;
     }
-    let limit = lower.strip_prefix('<').is_some_and(|rest| matches!(scan(rest), Cell::Number(..)));
-    if limit || BELOW.contains(&lower.as_str()) {
-        return Cell::Below;
+    if let Some(Cell::Number(limit, _)) = lower.strip_prefix('<').map(scan) {
+        return Cell::Below(Some(limit));
+    }
+    if BELOW.contains(&lower.as_str()) {
+        return Cell::Below(None);
     }
     let mark = if lower.contains(',') { Some(Mark::Comma) } else { lower.contains('.').then_some(Mark::Point) };
     if mark == Some(Mark::Comma) && !is_decimal_comma(&lower) {

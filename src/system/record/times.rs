@@ -63,6 +63,12 @@ fn since_1970(column: &Column) -> Option<&'static str> {
     UNITS.iter().take(4).find(|(_, size)| ours(*size)).map(|(unit, _)| *unit)
 }
 
+/// The columns that are called as times are, whatever they hold.
+pub(crate) fn called_so(table: &Table) -> impl Iterator<Item = usize> {
+    let is = |k: &usize| time_name(&table.columns[*k].heading.name).is_some_and(|t| t.rank < 3);
+    (0..table.columns.len()).filter(is)
+}
+
 /// Columns that are called as times are, the best name first; of a unit that is none of time no column is. With each how well it is known: names below
 /// 3 are those of times, and a name such as `time_ms` says its unit.
 pub(crate) fn called_times(table: &Table) -> Vec<(usize, usize)> {

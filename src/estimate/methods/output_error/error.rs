@@ -98,6 +98,8 @@ pub enum StrategyError {
     LossOfFullNoise,
     ConfidenceOfOwnNoise,
     NoiseModel { method: Method, domain: Domain },
+    Censored { method: Method, domain: Domain },
+    CensoredNoise { output: String },
     OptionOfMethod { option: &'static str, method: Method, domain: Domain },
     SmoothByOneRun,
     SmoothByValidation { method: Method, domain: Domain },
@@ -155,6 +157,16 @@ impl fmt::Display for StrategyError {
                 f,
                 "noise that is an expression (`noise y = ...;`) is estimated by output error in the time domain, not by {method} in the {domain} domain; \
                  --noise diagonal takes one size for each output instead"
+            ),
+            Self::Censored { method, domain } => write!(
+                f,
+                "samples below a limit are compared by output error in the time domain, not by {method} in the {domain} domain; \
+                 take --method output-error --domain time, or leave them out (--below-limit missing)"
+            ),
+            Self::CensoredNoise { output } => write!(
+                f,
+                "`{output}` has samples below a limit, and the probability of these wants a deviation of its noise that is known or a param: \
+                 write `param sigma = ...; noise {output} = sigma;`, give a number (--noise {output}=0.1), or leave them out (--below-limit missing)"
             ),
             Self::OptionOfMethod { option: "--loss", method, domain } => write!(
                 f,
@@ -313,6 +325,7 @@ mod defect_tests {
     #[test]
     fn outputs_are_pooled_over_runs_and_a_match_to_rounding_is_one() {
         let of = |name: &str, run: &str, rms: f64, r2: f64| OutputFit {
+            censored: 0,
             name: name.into(),
             run: run.into(),
             compared: 10,

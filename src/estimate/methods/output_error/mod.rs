@@ -2,6 +2,7 @@
 //!
 //! **In** a model, runs, start values, options. **Out** a [`fit::Fit`]. **Start** at [`single`].
 
+mod censored;
 pub(crate) mod cross_validation;
 pub(crate) mod error;
 pub(crate) mod fit;

@@ -1,12 +1,13 @@
 //! A fit in which the noise of outputs is an expression (`noise y = 0.02 + 0.1*abs(y);`): the likelihood of everything, its parameters among them, from the
 //! estimates of a fit whose noise is of one size.
 
+use super::censored::{Below, limits};
 use super::error::{FitError, StrategyError};
 use super::fit::{Fit, NoiseOfSamples};
 use super::options::FitOptions;
 use super::options::{Attempt, after, suited};
 use super::single::chosen_steps;
-use super::standardised::Standardised;
+use super::standardised::{Part, Precision, Standardised};
 use crate::estimation::solve::estimate;
 use crate::estimation::{Estimate, RunFit, Symmetric};
 use crate::problem::method::{Domain, Method};
@@ -14,7 +15,7 @@ use crate::problem::noise::Noise;
 use crate::problem::noise::{Degeneracy, passes_zero, tells_no_variance};
 use crate::problem::response::RunResponse;
 use crate::problem::unknowns::DerivedQuantities;
-use crate::problem::{Options, Problem, ProblemRun};
+use crate::problem::{LimitedNoise, Options, Problem, ProblemRun};
 use crate::residuals::noise_variation::{OutputSeries, test};
 use crate::residuals::{OutputFit, residuals};
 use crate::uncertainty::sandwich::NoiseColour;
@@ -22,13 +23,13 @@ use crate::work::Work;
 use fdm_grammar::graph::{Leaf, Node, show};
 use fdm_numeric::halt::Halt;
 use fdm_system::model::Model;
-use fdm_system::record::Run;
+use fdm_system::record::{Censored, Run};
 use fdm_system::simulate::{Accuracy, Scheme, Simulator, StepOptions, Steps, choose_steps, integration_error};
 use std::f64::consts::TAU;
 
 /// The outputs (q) whose noise is an expression and is not put aside by what was asked for: the place of one over the deviation among the outputs of
-/// [`with_precisions`](fdm_grammar::Model::with_precisions). None where there are none.
-pub(crate) fn deviations(model: &Model, noise: &Noise) -> Option<Vec<Option<usize>>> {
+/// [`with_precisions`](fdm_grammar::Model::with_precisions). None where there are none, and no sample is known by its limit alone.
+pub(crate) fn deviations(model: &Model, noise: &Noise, censored: &[Censored]) -> Option<Vec<Option<usize>>> {
     let outputs = &model.definition().outputs;
     let aside = |o: usize| match noise {
         Noise::Diagonal => false,
@@ -41,7 +42,19 @@ pub(crate) fn deviations(model: &Model, noise: &Noise) -> Option<Vec<Option<usiz
         place.filter(|_| !aside(o))
     };
     let places: Vec<Option<usize>> = outputs.iter().enumerate().map(place).collect();
-    places.iter().any(Option::is_some).then_some(places)
+    (places.iter().any(Option::is_some) || !censored.is_empty()).then_some(places)
+}
+
+/// Why samples that are known by their limit alone cannot be compared, if they cannot.
+pub(crate) fn unlimited(model: &Model, options: &FitOptions, deviations: &[Option<usize>]) -> Option<StrategyError> {
+    let lacks = |o: &usize| deviations[*o].is_none() && given(options, *o).is_none();
+    let output = options.censored.iter().map(|c| c.output).find(lacks)?;
+    Some(StrategyError::CensoredNoise { output: model.definition().outputs[output].quantity.name.clone() })
+}
+
+/// The deviation of an output that is given as a number.
+fn given(options: &FitOptions, output: usize) -> Option<f64> {
+    if let Noise::Given(given) = &options.options.noise { given[output] } else { None }
 }
 
 /// Integration error, as a part of each output's range, with which most signs are told.
@@ -138,7 +151,7 @@ fn stated(model: &Model, output: usize) -> String {
 
 /// Why a method that knows noise of one size only cannot estimate a model, if it cannot.
 pub(crate) fn refused(model: &Model, noise: &Noise, method: Method, domain: Domain) -> Option<StrategyError> {
-    deviations(model, noise).map(|_| StrategyError::NoiseModel { method, domain })
+    deviations(model, noise, &[]).map(|_| StrategyError::NoiseModel { method, domain })
 }
 
 /// The model with the parameters held that stand in the noise of outputs alone.
@@ -164,8 +177,7 @@ pub(crate) fn fit_noise_model(
     (first, deviations): (Fit, &[Option<usize>]),
 ) -> Result<Fit, FitError> {
     let Attempt { model, work, .. } = *attempt;
-    let definition = model.definition().with_precisions();
-    let Some(whole) = definition.map(|definition| model.altered(definition)) else { return Ok(first) };
+    let whole = model.definition().with_precisions().map_or_else(|| model.clone(), |whole| model.altered(whole));
     let (mut best, mut refused) = (None::<Fit>, None);
     for (k, place) in places.iter().enumerate() {
         let found = from_place(&Attempt { starts: place, ..*attempt }, (&whole, deviations), &first);
@@ -207,7 +219,15 @@ fn from_place(
     if work.halted().is_some() && !was_stopped {
         return Ok(None);
     }
-    let fitting = Fitting { model, whole, runs, deviations, integration: &integration, options };
+    let q = deviations.len();
+    let limits = runs.iter().map(|run| limits(&options.censored, run, q)).collect();
+    let precision = |(o, place): (usize, &Option<usize>)| match place {
+        Some(s) => Some(Precision::Simulated(*s)),
+        None => given(options, o).map(|s| Precision::Known(1.0 / s)),
+    };
+    let precisions: Vec<Option<Precision>> = deviations.iter().enumerate().map(precision).collect();
+    let parts = Part::of_outputs(&precisions, |o| options.censored.iter().any(|c| c.output == o));
+    let fitting = Fitting { model, whole, runs, deviations, limits, parts, integration: &integration, options };
     // what stands in the noise alone first: its start values know nothing of the residuals
     let only = model.definition().only_in_output_noise();
     if only.iter().zip(&model.definition().params).any(|(only, p)| *only && !p.fixed) {
@@ -244,6 +264,10 @@ struct Fitting<'f> {
     whole: &'f Model,
     runs: &'f [Run],
     deviations: &'f [Option<usize>],
+    /// Limits of the samples of each run (N by q, or nothing).
+    limits: Vec<Vec<f64>>,
+    /// The standardised outputs.
+    parts: Vec<Part>,
     integration: &'f [Accuracy],
     options: &'f FitOptions,
 }
@@ -263,7 +287,8 @@ impl Fitting<'_> {
         let mut prepared = Vec::with_capacity(self.runs.len());
         for (r, theta) in starts.iter().enumerate() {
             let run = &self.runs[r];
-            let response = Standardised::new(self.simulator(r, theta)?, run.measured.clone(), self.deviations.to_vec());
+            let known = (run.measured.clone(), self.limits[r].clone());
+            let response = Standardised::new(self.simulator(r, theta)?, known, self.parts.clone());
             let (name, start, measured) = (run.name.clone(), theta.clone(), response.targets());
             prepared.push(ProblemRun {
                 name,
@@ -276,6 +301,7 @@ impl Fitting<'_> {
         let derived = DerivedQuantities::of(self.whole.definition(), self.whole.dynamics());
         let mut problem = Problem::new(definition, prepared, derived);
         problem.affine = Vec::new();
+        problem.limited = self.limited(&open);
         problem.outputs = self.names();
         for (k, param) in problem.params.iter_mut().enumerate() {
             param.fixed |= !open(k);
@@ -283,17 +309,22 @@ impl Fitting<'_> {
                 param.value = first[k];
             }
         }
-        let given = |o: usize| match &self.options.options.noise {
-            Noise::Given(given) => given[o],
-            _ => None,
-        };
-        let shown = Standardised::shown(self.deviations);
-        let unit = |o: &Option<usize>| match o {
-            Some(o) if self.deviations[*o].is_none() => given(*o),
-            _ => Some(1.0),
-        };
-        let options = Options { noise: Noise::Given(shown.iter().map(unit).collect()), ..self.options.options.clone() };
+        let unit = |part: &Part| if let Part::Plain(o) = part { given(self.options, *o) } else { Some(1.0) };
+        let noise = Noise::Given(self.parts.iter().map(unit).collect());
+        let options = Options { noise, ..self.options.options.clone() };
         estimate(&mut problem, &options, work).map_err(FitError::Problem)
+    }
+
+    /// What determines the deviations of outputs with samples below a limit, where these are estimated with what `open` says.
+    fn limited(&self, open: impl Fn(usize) -> bool) -> Option<LimitedNoise> {
+        self.limits.iter().any(|limits| !limits.is_empty()).then_some(())?;
+        let definition = self.model.definition();
+        let only = definition.only_in_output_noise();
+        let params = (0..only.len()).filter(|k| only[*k] && open(*k) && !definition.params[*k].fixed).count();
+        let q = self.deviations.len();
+        let told = |(k, z): (usize, &f64)| !z.is_nan() && self.deviations[k % q].is_some();
+        let values = self.runs.iter().map(|run| run.measured.iter().enumerate().filter(|k| told(*k)).count()).sum();
+        Some(LimitedNoise { values, params })
     }
 
     /// Why the likelihood has no maximum at an estimate, if it has none.
@@ -322,9 +353,8 @@ impl Fitting<'_> {
     fn without_freedom(&self, estimate: &Estimate) -> Option<Degeneracy> {
         let definition = self.model.definition();
         let only = definition.only_in_output_noise();
-        let shown = Standardised::shown(self.deviations);
         let followed = |o: usize| {
-            let part = shown.iter().position(|s| *s == Some(o))?;
+            let part = self.parts.iter().position(|part| part.is_shown() && part.output() == o)?;
             estimate.leverages.get(part).copied()
         };
         let compared = |o: usize| {
@@ -380,15 +410,11 @@ impl Fitting<'_> {
     /// Names of the standardised outputs.
     fn names(&self) -> Vec<String> {
         let outputs = &self.model.definition().outputs;
-        let mut last = String::new();
-        let name = |o: Option<usize>| match o {
-            Some(o) => {
-                last.clone_from(&outputs[o].quantity.name);
-                last.clone()
-            }
-            None => format!("noise of {last}"),
+        let name = |part: &Part| {
+            let own = &outputs[part.output()].quantity.name;
+            if part.is_shown() { own.clone() } else { format!("noise of {own}") }
         };
-        Standardised::shown(self.deviations).into_iter().map(name).collect()
+        self.parts.iter().map(name).collect()
     }
 
     /// The estimate in the model's own outputs, and the noise of every sample.
@@ -401,12 +427,10 @@ impl Fitting<'_> {
         let (mut outputs, mut runs, mut samples) = (Vec::new(), Vec::new(), Vec::new());
         let mut series: Vec<(String, Vec<OutputSeries>)> = names.iter().map(|n| (n.clone(), Vec::new())).collect();
         let mut squares = vec![(0.0, 0usize); q];
-        let given = |o: usize| match &self.options.options.noise {
-            Noise::Given(given) => given[o],
-            _ => None,
-        };
+        let given = |o: usize| given(self.options, o);
         // of each output: squares over variances with the logarithms of these, for the likelihood
         let mut misfits = vec![0.0; q];
+        let mut below = 0.0;
         for (r, theta) in reached.iter().enumerate() {
             let mut simulator = self.simulator(r, theta)?;
             let simulated = simulator.outputs();
@@ -423,6 +447,11 @@ impl Fitting<'_> {
             };
             let deviations: Vec<f64> = residuals.iter().enumerate().map(|k| deviation(k).unwrap_or(f64::NAN)).collect();
             let standardised: Vec<f64> = residuals.iter().zip(&deviations).map(|(v, s)| v / s).collect();
+            for (k, limit) in self.limits[r].iter().enumerate().filter(|(_, limit)| !limit.is_nan()) {
+                let precision = self.deviations[k % q].map(|s| y[k / q * simulated + s].abs());
+                let precision = precision.or_else(|| given(k % q).map(|s| 1.0 / s)).unwrap_or_default();
+                below += Below::new((limit - response[k]) * precision).logarithm;
+            }
             for (o, name) in names.iter().enumerate() {
                 outputs.push(OutputFit::new(name, &run.name, measured, &response, o, q));
                 let cells = || residuals.iter().zip(&deviations).skip(o).step_by(q);
@@ -445,7 +474,7 @@ impl Fitting<'_> {
             let is_known = self.deviations[o].is_some() || given(o).is_some() || count == 0.0;
             count * TAU.ln() + if is_known { misfits[o] } else { count * (1.0 + (sum / count).ln()) }
         };
-        let log_likelihood = -0.5 * squares.iter().enumerate().map(twice).sum::<f64>();
+        let log_likelihood = below - 0.5 * squares.iter().enumerate().map(twice).sum::<f64>();
         let variances = squares.iter().map(|(sum, count)| sum / (*count).max(1) as f64);
         let mut noise = Symmetric { size: q, values: vec![0.0; q * q] };
         variances.enumerate().for_each(|(o, v)| noise.values[o * q + o] = v);

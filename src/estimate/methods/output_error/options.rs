@@ -17,7 +17,7 @@ use crate::problem::{Options, Problem, ProblemRun};
 use crate::work::Work;
 use fdm_system::frequency::EndTerms;
 use fdm_system::model::Model;
-use fdm_system::record::Run;
+use fdm_system::record::{Censored, Run};
 use fdm_system::simulate::{Accuracy, Scheme, Simulator, Steps, UNSOUND};
 use fdm_system::spectrum::Frequencies;
 use serde::Serialize;
@@ -37,6 +37,9 @@ pub struct FitOptions {
     /// What is made of residuals; other than squares by output error in the time domain only.
     #[serde(skip_serializing_if = "Loss::is_squares")]
     pub loss: Loss,
+    /// Samples of which only a limit is known that they lie below; by output error in the time domain only.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub censored: Vec<Censored>,
     /// Equal steps between neighbouring samples; chosen for accuracy when not given.
     pub per_interval: Option<usize>,
     /// How to integrate; chosen for accuracy and speed when not given.

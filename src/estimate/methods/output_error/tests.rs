@@ -4,7 +4,7 @@ use crate::specimen::Normal;
 use crate::work::Work;
 use crate::{Fit, FitError, FitOptions, Loss, Noise, Optimizer, Options, StrategyError, fit};
 use fdm_system::Model;
-use fdm_system::record::Run;
+use fdm_system::record::{Censored, Run};
 
 /// Given the time and the true response the noise.
 type MadeNoise<'n> = &'n mut dyn FnMut(f64, f64) -> f64;
@@ -269,4 +269,61 @@ fn robust_losses_of_normal_noise_lose_little() {
             .estimate
             .is_good()
     );
+}
+
+#[test]
+fn samples_below_their_limit_leave_estimates_unbiased_and_errors_right() {
+    let text = "model m { state x = x0; param k = 0.3 in [0, 5], x0 = 8 in [0, 100], s = 1 in [0, inf]; der(x) = -k*x; output y = x; noise y = s; }";
+    let model = Model::from_text("m.fdm", text).unwrap_or_else(|e| panic!("{e}"));
+    const REPEATS: usize = 200;
+    let (k, x0, s, limit) = (0.5, 10.0, 0.5, 1.0);
+    let mut normal = Normal(11);
+    // of each of k, x0 and s: the estimate less the truth, and its standard error
+    let mut found = [Vec::new(), Vec::new()];
+    for _ in 0..REPEATS {
+        let mut run = record(20, &mut |_, _| 0.0);
+        (run.held, run.inputs, run.input_gaps) = Default::default();
+        let mut censored = Vec::new();
+        for (t, z) in run.time.iter().zip(&mut run.measured) {
+            *z = x0 * (-k * t).exp() + s * normal.next();
+            if *z < limit {
+                *z = f64::NAN;
+                censored.push(Censored { run: "r".into(), output: 0, time: *t, limit });
+            }
+        }
+        assert!((6..16).contains(&censored.len()));
+        for (found, censored) in found.iter_mut().zip([censored, Vec::new()]) {
+            let options = FitOptions { censored, ..FitOptions::default() };
+            let fit = fit(&model, &[run.clone()], &options, &Work::default()).unwrap_or_else(|e| panic!("{e}"));
+            assert!(fit.is_good(), "{:?}", fit.estimate.termination);
+            let one = |(name, truth): (&str, f64)| {
+                let parameter = fit.estimate.parameter(name, None).expect("a parameter");
+                (parameter.value - truth, parameter.corrected_error.expect("an error"))
+            };
+            found.push([("k", k), ("x0", x0), ("s", s)].map(one));
+        }
+    }
+    let told = |found: &[[(f64, f64); 3]], p: usize| {
+        let n = found.len() as f64;
+        let mean = found.iter().map(|f| f[p].0).sum::<f64>() / n;
+        let scatter = (found.iter().map(|f| (f[p].0 - mean).powi(2)).sum::<f64>() / (n - 1.0)).sqrt();
+        (mean, scatter, found.iter().map(|f| f[p].1).sum::<f64>() / n)
+    };
+    let chance = (REPEATS as f64).sqrt();
+    for p in 0..2 {
+        let (mean, scatter, error) = told(&found[0], p);
+        println!("censored {p}: bias {:.3} scatter, error/scatter {:.3}", mean / scatter, error / scatter);
+        assert!(mean.abs() < 3.0 * scatter / chance, "{p}: {mean} of {scatter}");
+        assert!((error / scatter - 1.0).abs() < 0.15, "{p}: {error} for {scatter}");
+    }
+    let (mean, scatter, _) = told(&found[0], 2);
+    println!("censored s: bias {:.3} scatter", mean / scatter);
+    // as of every deviation by maximum likelihood: short by about a part in the number of values for each param
+    assert!(mean < 0.0 && mean > -0.15 * s, "{mean}");
+    for p in 0..3 {
+        let (mean, scatter, error) = told(&found[1], p);
+        println!("missing {p}: bias {:.3} scatter, error/scatter {:.3}", mean / scatter, error / scatter);
+    }
+    let (mean, scatter, _) = told(&found[1], 0);
+    assert!(mean < -6.0 * scatter / chance, "left out, the decay is too slow: {mean} of {scatter}");
 }
