@@ -16,10 +16,10 @@ use fdm_grammar::Source;
 use fdm_grammar::model::Param;
 use fdm_system::model::Model;
 
-/// Nodes that are tried, fewest first: as many as the errors want, and enough for all waves of a law.
-const NODES: [usize; 4] = [9, 17, 33, 65];
-/// Ratio of squared errors below which more nodes are worth their fit.
-const WORTH: f64 = 0.8;
+/// Share of the squares of a law that its table need not follow: between two nodes to a half wave a cubic is as near as that.
+const LEFT: f64 = 0.01;
+/// Fewest intervals between nodes: the curve of one half wave, and its ends.
+const FEWEST: usize = 8;
 
 /// A law in a text.
 pub(crate) struct Curve {
@@ -49,30 +49,23 @@ pub(crate) fn curve(
     let text = CoefficientText::new(&subject)?;
     let over = text.signals().into_iter().find(|s| s.name == *signal)?;
     let pair = Dependence { coefficient: coefficient.clone(), signal: signal.clone() };
-    let mut best: Option<(usize, WrittenModel)> = None;
-    for count in NODES {
-        let at: Vec<f64> = (0..count).map(|k| low + (high - low) * k as f64 / (count - 1) as f64).collect();
-        let values = at.iter().map(|v| value + waves.at(*v)).collect();
-        let nodes = CurveNodes { values, at };
-        let tabulated = text.tabulated(&pair, &over, &nodes, "cubic")?;
-        let model = Model::from_source(tabulated.source).ok()?;
-        let current = begun(&first, &model, runs)?;
-        let asked = (runs, options, work);
-        let naive = &first.response;
-        let found = written_model(&current, &current.theta, naive, asked).ok();
-        let found = found.or_else(|| at_values(&current, &current.theta, naive, runs))?;
-        let worth = best.as_ref().is_none_or(|(_, before)| found.ratio() < WORTH * before.ratio());
-        if worth {
-            best = Some((count, found));
-        }
-        if !work.goes_on() {
-            break;
-        }
+    // as many nodes as the law has waves: a table that is asked for anew with more of them costs a fit each time
+    let intervals = FEWEST.max(2 * waves.half_waves(LEFT));
+    let at: Vec<f64> = (0..=intervals).map(|k| low + (high - low) * k as f64 / intervals as f64).collect();
+    let values = at.iter().map(|v| value + waves.at(*v)).collect();
+    let nodes = CurveNodes { values, at };
+    let tabulated = text.tabulated(&pair, &over, &nodes, "cubic")?;
+    let model = Model::from_source(tabulated.source).ok()?;
+    let current = begun(&first, &model, runs)?;
+    let naive = &first.response;
+    let written = written_model(&current, &current.theta, naive, (runs, options, work)).ok();
+    let written = written.or_else(|| at_values(&current, &current.theta, naive, runs))?;
+    if written.training >= 1.0 || written.ratio() >= 1.0 {
+        return None;
     }
-    let (parameters, written) = best.filter(|(_, written)| written.training < 1.0 && written.ratio() < 1.0)?;
     let effect = if law.place.kind == PlaceKind::Coefficient { "coefficient_table" } else { "law_curve" };
     let place = EffectAt { effect: effect.into(), targets: vec![law.place.name.clone(), signal.clone()] };
-    Some(Curve { place, parameters, written })
+    Some(Curve { place, parameters: intervals + 1, written })
 }
 
 /// The text with a constant in an equation, and what it is called.

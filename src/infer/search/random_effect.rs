@@ -66,6 +66,15 @@ impl Waves {
         };
         self.amounts.iter().map(wave).sum()
     }
+
+    /// Half waves up to which it has all but this share of its squares.
+    pub(crate) fn half_waves(&self, but: f64) -> usize {
+        let squares = |beyond: usize| {
+            let of = self.amounts.iter().filter(|(c, _)| 1 + c / 2 > beyond);
+            of.map(|(_, amount)| amount * amount).sum::<f64>()
+        };
+        (0..WAVES).find(|m| squares(*m) <= but * squares(0)).unwrap_or(WAVES)
+    }
 }
 
 /// Of so many half waves between two ends.
