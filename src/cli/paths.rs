@@ -248,6 +248,7 @@ mod tests {
             "compare report File(Page)",
             "simulate output File(Table)",
             "design records Folder",
+            "design report File(Page)",
             "report output File(Page)",
             "export output File(Export)",
             "regress plot File(Drawing)",

@@ -1,7 +1,7 @@
 //! Where a run begins: the instant that is the model's time 0. It is the first sample, unless it is said (`--begin 0`); then what lies between the two is
 //! simulated and not compared.
 
-use super::channel::Source;
+use super::channel::{Source, stated, uses_time};
 use super::error::{Fault, Problem};
 use super::note::Note;
 use super::options::ReadOptions;
@@ -9,7 +9,7 @@ use super::read::Summary;
 use super::run::Run;
 use fdm_grammar::Model;
 use fdm_grammar::graph::{Graph, Leaf, Signal};
-use fdm_grammar::model::{Origin, Param};
+use fdm_grammar::model::Origin;
 use fdm_grammar::op::ExprId;
 
 /// What stands in front of the first sample that is compared.
@@ -128,28 +128,6 @@ pub fn questioned(model: &Model, run: &Run, summary: &Summary) -> Option<Note> {
     let names = |k: &usize| model.states[*k].quantity.name.clone();
     let states: Vec<String> = if moves { states.iter().map(names).collect() } else { Vec::new() };
     (moves || explicit).then_some(Note::FirstRow { first, unit, states, explicit })
-}
-
-/// The states (by index) whose initial values the model states: as numbers, by parameters that all runs share, or by values that a run brings. Free ones,
-/// and those taken from the first sample of an input, are none.
-pub fn stated(model: &Model) -> Vec<usize> {
-    let found = |p: &Param| match p.origin {
-        Origin::FirstSample(input) => model.inputs.get(input as usize).is_none_or(|i| !i.known),
-        Origin::FreeInitial(_) | Origin::Declared => p.per_run && !p.fixed,
-    };
-    let depends = model.graph.depends(|leaf| matches!(leaf, Leaf::Param(k) if found(&model.params[k as usize])));
-    (0..model.states.len()).filter(|k| !depends[model.states[*k].initial.index()]).collect()
-}
-
-/// Whether rates, outputs or events know the time.
-pub(super) fn uses_time(model: &Model) -> bool {
-    let time = model.graph.depends(|leaf| matches!(leaf, Leaf::Time));
-    let outputs = model.outputs.iter().map(|o| o.expr);
-    let states = model.states.iter().flat_map(|s| {
-        let events = s.resets.iter().flat_map(|r| [r.guard, r.value]);
-        [s.rate].into_iter().chain(events)
-    });
-    outputs.chain(states).any(|e| time[e.index()])
 }
 
 /// Whether the model stays where it is at its initial values, as long as inputs have their first values. With values of its own in every run nobody

@@ -1,7 +1,7 @@
 //! The channels that a model asks for, and where each is read from.
 
-use super::beginning::{stated, uses_time};
-use fdm_grammar::model::{Membership, Slope};
+use fdm_grammar::graph::Leaf;
+use fdm_grammar::model::{Membership, Origin, Param, Slope};
 use fdm_grammar::{Model, Unit};
 use std::fmt;
 
@@ -69,6 +69,28 @@ pub struct Channels {
     pub slopes: Vec<Slope>,
     /// The number of states of a model that can begin at any sample: none of their initial values is stated, and nothing depends on the time since the beginning.
     pub begins_anywhere: Option<usize>,
+}
+
+/// The states (by index) whose initial values the model states: as numbers, by parameters that all runs share, or by values that a run brings. Free ones,
+/// and those taken from the first sample of an input, are none.
+pub fn stated(model: &Model) -> Vec<usize> {
+    let found = |p: &Param| match p.origin {
+        Origin::FirstSample(input) => model.inputs.get(input as usize).is_none_or(|i| !i.known),
+        Origin::FreeInitial(_) | Origin::Declared => p.per_run && !p.fixed,
+    };
+    let depends = model.graph.depends(|leaf| matches!(leaf, Leaf::Param(k) if found(&model.params[k as usize])));
+    (0..model.states.len()).filter(|k| !depends[model.states[*k].initial.index()]).collect()
+}
+
+/// Whether rates, outputs or events know the time.
+pub(super) fn uses_time(model: &Model) -> bool {
+    let time = model.graph.depends(|leaf| matches!(leaf, Leaf::Time));
+    let outputs = model.outputs.iter().map(|o| o.expr);
+    let states = model.states.iter().flat_map(|s| {
+        let events = s.resets.iter().flat_map(|r| [r.guard, r.value]);
+        [s.rate].into_iter().chain(events)
+    });
+    outputs.chain(states).any(|e| time[e.index()])
 }
 
 /// The channels of a model: time is wanted by states, delays, derivatives and explicit time.

@@ -39,22 +39,23 @@ mod times;
 mod write;
 
 pub use assumed::{AssumedChannel, AssumedNote, Assumptions};
-pub use beginning::{questioned, stated};
+pub use beginning::questioned;
 pub use builder::{ColumnView, RunBuilder, RunError, RunFault};
-pub use channel::{Channel, Channels, Role, channels};
+pub use channel::{Channel, Channels, Role, channels, stated};
 pub use clock::Question as ClockQuestion;
 pub use derived::Incomplete;
 pub use derived::bridge;
 pub use error::Fault;
 pub use error::{Names, Problem, RecordError};
 // What stands in files before it is a record of a model: of the readers only this package knows.
+pub use even_grid::Sampling;
 pub use fdm_readers::{ChannelMap, Field, Log, RecordMap, Topic, open_input};
 pub use grid::{Delimiter, Dialect, Mark};
 pub use holds::moves_at_samples;
 pub use log::open_log;
 pub use note::Note;
 pub use options::{BelowLimit, Censored, Known, Mask as SampleMask, ReadOptions};
-pub use read::{ChannelSource, Sampling, Summary, read, read_each};
+pub use read::{ChannelSource, Summary, read, read_each};
 pub use run::Run;
 pub use run::{Cursor, Place};
 pub use write::{Column, write, write_to};

@@ -1,8 +1,8 @@
 //! Pauses of a logger: nobody knows what drove the model meanwhile, so that a run goes on behind one as another run, with a beginning of its own.
 
 use super::channel::Channels;
+use super::even_grid::Sampling;
 use super::note::Note;
-use super::read::Sampling;
 use super::samples::Samples;
 
 /// Intervals of uneven sampling differ; a pause is far beyond that.

@@ -4,6 +4,7 @@
 use super::beginning::Lead;
 use super::channel::{Channel, Channels, Demand, Plan, Role, Source};
 use super::error::{Fault, Names, Problem, RecordError, excerpt};
+use super::even_grid::Sampling;
 use super::grid::Dialect;
 use super::holds::Holds;
 use super::note::Note;
@@ -495,37 +496,6 @@ pub struct ChannelSource {
     pub gaps: usize,
 }
 
-/// Spacing of the samples in the model's time unit.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sampling {
-    /// The shortest interval.
-    pub least: f64,
-    /// As many intervals are longer as are shorter.
-    pub median: f64,
-    /// The longest interval.
-    pub greatest: f64,
-    /// Time at which the longest interval begins, since the run began.
-    pub greatest_at: f64,
-}
-
-impl Sampling {
-    /// The intervals of rising times; `None` for fewer than two.
-    pub fn new(time: &[f64]) -> Option<Self> {
-        let mut intervals: Vec<_> = time.windows(2).map(|w| w[1] - w[0]).collect();
-        let (at, greatest) =
-            intervals.iter().copied().enumerate().max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)))?;
-        let least = intervals.iter().copied().fold(f64::INFINITY, f64::min);
-        let middle = intervals.len() / 2;
-        let (_, median, _) = intervals.select_nth_unstable_by(middle, f64::total_cmp);
-        Some(Self { least, median: *median, greatest, greatest_at: time[at] })
-    }
-
-    /// Whether every interval is within one percent of the median, as clocks with rounded times are.
-    pub fn is_even(&self) -> bool {
-        self.greatest <= 1.01 * self.median && self.least >= 0.99 * self.median
-    }
-}
-
 /// The notes that follow from the samples alone; `names` are those of the columns, inputs before outputs.
 pub(crate) fn suspicions(run: &Run, names: &[(Role, String)], sampling: Option<Sampling>) -> Vec<Note> {
     const FEWEST: usize = 3;
@@ -548,18 +518,4 @@ pub(crate) fn suspicions(run: &Run, names: &[(Role, String)], sampling: Option<S
         notes.push(Note::Pause { length: s.greatest, at: s.greatest_at, median: s.median });
     }
     notes
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn sampling_is_measured() {
-        let s = Sampling::new(&[0.0, 1.0, 2.0, 5.0, 6.5]).unwrap();
-        assert_eq!((s.least, s.median, s.greatest, s.greatest_at), (1.0, 1.5, 3.0, 2.0));
-        assert!(!s.is_even());
-        assert!(Sampling::new(&[0.0, 0.01, 0.02001, 0.03]).unwrap().is_even());
-        assert_eq!(Sampling::new(&[0.0]), None);
-    }
 }
