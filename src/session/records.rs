@@ -343,9 +343,9 @@ impl Records {
         }
         self.refuse(&model, read.iter().map(|((run, _), _)| run))?;
         let common = self.selection.options(true);
-        let record = |((run, _), file)| {
+        let record = |((run, summary), file)| {
             let source = Some(Source { file, common: common.clone() });
-            Record { run, origin: Origin { source, summary: None } }
+            Record { run, origin: Origin { source, summary: Some(summary) } }
         };
         Ok(Session::new(model, read.into_iter().map(record).collect(), Vec::new()))
     }

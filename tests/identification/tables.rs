@@ -91,7 +91,7 @@ fn a_lift_curve_is_regressed_in_one_step() {
     let model = aeroplane("pchip");
     let regression = regress(&model, &[flight(&model, 0.0, 1)], &RegressionOptions::default());
     assert!(
-        regression.is_err() || regression.unwrap().refused.len() == 1,
+        regression.is_err() || !regression.unwrap().refused.is_empty(),
         "slopes of pchip are no multiples of its ordinates"
     );
     for method in ["linear", "cubic"] {
