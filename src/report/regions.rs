@@ -410,7 +410,7 @@ mod tests {
         b.ends[1] = End::Open(3.0);
         let open = by_cost(&a, &b);
         assert!(open.region.is_empty() && open.traces.len() == 2);
-        assert!(of_profiles(&[a.clone()]).is_none());
+        assert!(of_profiles(std::slice::from_ref(&a)).is_none());
         let text = of_profiles(&[a, b]).unwrap().body.into_string();
         assert_eq!((text.matches("<rect class=\"frame\"").count(), text.matches("bound band").count()), (1, 0));
     }

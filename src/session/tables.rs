@@ -97,13 +97,14 @@ pub(crate) fn course_tables(model: &Model, runs: &[Run], found: &Regression) -> 
         if !columns.is_empty() {
             return Some((run_file(k, &run.name), csv(&[given(model, run), columns].concat())));
         }
-        over_frequency(&own).map(|columns| (format!("spectrum_{}.csv", k + 1), csv(&columns)))
+        let columns = over_frequency(&own);
+        (columns.len() > 1).then(|| (format!("spectrum_{}.csv", k + 1), csv(&columns)))
     };
     runs.iter().enumerate().filter_map(table).collect()
 }
 
 /// Frequency, and of every equation real and imaginary parts; of equations that were compared at other frequencies than the first nothing.
-fn over_frequency(courses: &[&Course]) -> Option<Vec<(String, Option<String>, Vec<f64>)>> {
+fn over_frequency(courses: &[&Course]) -> Vec<(String, Option<String>, Vec<f64>)> {
     let mut columns: Vec<(String, Option<String>, Vec<f64>)> = Vec::new();
     for course in courses {
         let Along::Frequency { frequency, measured, explained } = &course.along else { continue };
@@ -120,7 +121,7 @@ fn over_frequency(courses: &[&Course]) -> Option<Vec<(String, Option<String>, Ve
             }
         }
     }
-    (columns.len() > 1).then_some(columns)
+    columns
 }
 
 /// The table of a run of a diagnosis: time, and of every output what was measured, and the responses before and after.

@@ -1,6 +1,6 @@
 //! Several results side by side: which model the data prefer, and which predicts validation data best.
 //!
-//! **In** results that were written ([`ResultFolder`](crate::store::ResultFolder)) and runs that none of them was fitted to. **Out**
+//! **In** results that were written ([`ResultFolder`]) and runs that none of them was fitted to. **Out**
 //! [`Comparison`]: criteria where the costs are of the same data, tests of models of which one holds the other, predictions and whether
 //! their differences could be chance. **Never** compares what cannot be compared: it says why. **Start** at [`compare`];
 //! `candidate` (a result) -> `criteria` -> `nesting` -> `prediction` -> `averaging`.
