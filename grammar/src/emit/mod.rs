@@ -117,7 +117,7 @@ pub fn c_comment(text: &str) -> String {
     notation::comment(text)
 }
 
-/// One program of [`crate::schedule::layout`] as a static function of C99, `void PREFIXname(double t, const double *x, const double *drive,
+/// One program of a schedule as a static function of C99, `void PREFIXname(double t, const double *x, const double *drive,
 /// const double *known, double *column)`, in front of it the checks of the compiler and all that it calls.
 ///
 /// # Errors
