@@ -97,8 +97,7 @@ pub(crate) fn course_tables(model: &Model, runs: &[Run], found: &Regression) -> 
         if !columns.is_empty() {
             return Some((run_file(k, &run.name), csv(&[given(model, run), columns].concat())));
         }
-        let columns = over_frequency(&own);
-        (columns.len() > 1).then(|| (format!("spectrum_{}.csv", k + 1), csv(&columns)))
+        Some(over_frequency(&own)).filter(|c| c.len() > 1).map(|c| (format!("spectrum_{}.csv", k + 1), csv(&c)))
     };
     runs.iter().enumerate().filter_map(table).collect()
 }
