@@ -10,7 +10,9 @@ use crate::page::subject::Subject;
 use crate::page::thinning::Kept;
 use crate::text;
 use fdm_doctor::Finding;
-use fdm_infer::{Biased, Cause, EffectAt, FrontModel, LackOfFit, OutputGain, PlaceKind, UnnamedCause, Verdict};
+use fdm_infer::{
+    Biased, Cause, EffectAt, FrontModel, FrontOutput, LackOfFit, NewValue, OutputGain, PlaceKind, UnnamedCause, Verdict,
+};
 use fdm_results::documents::{DiagnosisDocument, digits, fixed, with_run};
 use maud::{Markup, html};
 use similar::{ChangeTag, DiffOp, TextDiff, capture_diff_slices};
@@ -23,6 +25,8 @@ const FEW: usize = 12;
 const NAMED: usize = 3;
 /// Nats behind the likeliest place within which others are named: odds of 100 : 1.
 const ALIKE: f64 = 4.6;
+/// Probability below which another kind of explanation is not named in short.
+const SMALLEST: f64 = 0.005;
 /// Fits of a search that are shown.
 const NEAREST: usize = 5;
 /// Outputs whose errors have columns of their own in text.
@@ -30,11 +34,61 @@ const OUTPUTS: usize = 2;
 /// Standard errors by which a parameter has moved before it is shown.
 const MOVED: f64 = 1.0;
 
-/// Sentences and tables.
-pub fn diagnosis_text(found: &DiagnosisDocument) -> String {
+/// Sentences and tables: what is missing, how sure that is and what it changes; where `verbose`, all that was weighed, tried and assumed as well.
+pub fn diagnosis_text(found: &DiagnosisDocument, verbose: bool) -> String {
     let stopped = is_cut_short(found).then(|| "The search was stopped before its end.".into());
-    let head = unexplained(found).chain([verdict(found).sentence]).chain(stopped).map(|said| format!("{said}\n"));
-    let all = [
+    let head = unexplained(found).chain([verdict(found).sentence]).chain(likelier(found)).chain(stopped);
+    let head = head.map(|said| format!("{said}\n")).collect();
+    let whole = || whole(found).into_iter().flatten().collect();
+    let brief = || [mended(found), Some(brief(found))].into_iter().flatten().collect();
+    text::below(head, &if verbose { whole() } else { brief() } as &Vec<Section>)
+}
+
+/// What is told first: causes or places, what else it could be, the errors of each output.
+fn brief(found: &DiagnosisDocument) -> Section {
+    let causes = found.causes.iter().enumerate().flat_map(|(k, c)| {
+        let values = c.parameters.iter().map(value).collect::<Vec<String>>().join(", ");
+        let sure = format!("{values} (probability {}, {:.1} nats)", probability(c.probability), c.loss);
+        let list = [sure].into_iter().chain(alternatives(c)).chain(c.separating_experiment.iter().map(to_tell_apart));
+        [Part::Line(format!("{}. {}: {}", k + 1, c.place, c.doc)), Part::List(list.collect())]
+    });
+    let others = found.explanations.iter().filter(|e| e.verdict != found.verdict && e.probability >= SMALLEST);
+    let others = others.map(|e| format!("{} ({})", explained(e.verdict), probability(e.probability)));
+    let others: Vec<String> = others.collect();
+    let others = (!others.is_empty()).then(|| format!("It could be: {}.", others.join(", ")));
+    Section::new("brief", "In short")
+        .with_all(causes)
+        .lines(places(found))
+        .lines(lacks(found).take(NAMED).filter(|_| found.causes.is_empty()).map(str::to_string))
+        .lines(others)
+        .with(errors(found))
+}
+
+/// Errors of each output before and after, all runs together, beside those of noise alone.
+fn errors(found: &DiagnosisDocument) -> Rows<(&FrontOutput, Option<&FrontOutput>)> {
+    let number = |v: Option<f64>| v.map_or("-".to_string(), |v| digits(v, 3));
+    let after = found.front.iter().find(|m| m.recommended).map_or(&[][..], |m| &m.outputs);
+    let before = found.front.first().map_or(&[][..], |m| &m.outputs);
+    let validated = before.iter().any(|o| o.rms_validation.is_some());
+    let noise = |o: &FrontOutput| found.lack_of_fit.iter().find(|m| m.output == o.output).map(|m| m.noise_level);
+    let mut table = Rows::over(before.iter().enumerate().map(|(k, o)| (o, after.get(k))));
+    table.name("output", |(o, _)| format!("{}{}", o.output, bracketed(o.unit.as_deref())));
+    table.number("RMS", |(o, _)| number(o.rms_training));
+    if !after.is_empty() {
+        table.number("with it", |(_, o)| number(o.and_then(|o| o.rms_training)));
+    }
+    table.number("noise", |(o, _)| number(noise(o)));
+    if validated {
+        table.number("validation", |(o, _)| number(o.rms_validation));
+        if !after.is_empty() {
+            table.number("with it", |(_, o)| number(o.and_then(|o| o.rms_validation)));
+        }
+    }
+    table
+}
+
+fn whole(found: &DiagnosisDocument) -> [Option<Section>; 8] {
+    [
         mended(found),
         Some(causes(found)),
         Some(wrong(found, "")),
@@ -43,8 +97,7 @@ pub fn diagnosis_text(found: &DiagnosisDocument) -> String {
         moved(found),
         tried(found),
         Some(ended(found)),
-    ];
-    text::below(head.collect(), &all.into_iter().flatten().collect::<Vec<_>>())
+    ]
 }
 
 /// The sections of a diagnosis.
@@ -87,17 +140,24 @@ pub(crate) fn verdict(found: &DiagnosisDocument) -> Judged {
         let more = if found.verdict == Verdict::RecordFault { "" } else { "; all else is about records so mended" };
         mended.faults.iter().map(move |f| format!("{}{more}", fault(f)))
     });
-    let probable = found.explanations.first().map_or(f64::NAN, |e| e.probability);
-    Judged::new(
-        if is_clean { Trust::Good } else { Trust::Reserved },
-        format!("{said} (probability {}).", probability(probable)),
-    )
+    let of_told = found.explanations.iter().find(|e| e.verdict == found.verdict);
+    let probable = of_told.map_or(String::new(), |e| format!(" (probability {})", probability(e.probability)));
+    Judged::new(if is_clean { Trust::Good } else { Trust::Reserved }, format!("{said}{probable}."))
     .with_points(unexplained(found), "gain")
+    .with_points(likelier(found), "wrong")
     .with_points(faults, "mended")
     .with_points(stopped, "causes")
     .with_points(causes, "causes")
     .with_points(places(found), "wrong")
     .with_points(lacks(found).map(str::to_string), "wrong")
+}
+
+/// What is likelier than what is told, and cannot be told: faults of records that no repair was found for, sets that predict worse.
+fn likelier(found: &DiagnosisDocument) -> Option<String> {
+    let best = found.explanations.first().filter(|e| e.verdict != found.verdict)?;
+    let told = found.explanations.iter().find(|e| e.verdict == found.verdict)?;
+    let is = best.probability > told.probability;
+    is.then(|| format!("Likelier is {} (probability {}).", explained(best.verdict), probability(best.probability)))
 }
 
 /// A probability, in two digits.
@@ -265,20 +325,28 @@ fn causes(found: &DiagnosisDocument) -> Section {
 }
 
 fn cause(c: &Cause) -> Vec<String> {
-    let mut list: Vec<String> = Vec::new();
-    for p in &c.parameters {
-        let unit = p.unit.as_ref().map_or(String::new(), |u| format!(" {u}"));
-        let error = p.standard_error.map_or(String::new(), |e| format!(" +- {}", digits(e, 2)));
-        list.push(format!("{} = {}{error}{unit}", p.name, digits(p.value, 5)));
-    }
+    let mut list: Vec<String> = c.parameters.iter().map(value).collect();
     list.push(format!("probability {}; without it alone {:.1} nats are lost", probability(c.probability), c.loss));
+    list.extend(alternatives(c));
+    list.extend(c.separating_experiment.iter().map(to_tell_apart));
+    list
+}
+
+/// A parameter of an effect with its error.
+fn value(p: &NewValue) -> String {
+    let unit = p.unit.as_ref().map_or(String::new(), |u| format!(" {u}"));
+    let error = p.standard_error.map_or(String::new(), |e| format!(" +- {}", digits(e, 2)));
+    format!("{} = {}{error}{unit}", p.name, digits(p.value, 5))
+}
+
+fn alternatives(c: &Cause) -> Option<String> {
     let others = c.group.iter().map(|r| format!("{} ({})", r.place, probability(r.probability)));
     let others: Vec<String> = others.collect();
-    if !others.is_empty() {
-        list.push(format!("these records cannot tell it from {}", others.join(", ")));
-    }
-    list.extend(c.separating_experiment.iter().map(|experiment| format!("to tell apart {experiment}")));
-    list
+    (!others.is_empty()).then(|| format!("these records cannot tell it from {}", others.join(", ")))
+}
+
+fn to_tell_apart(experiment: &String) -> String {
+    format!("to tell apart {experiment}")
 }
 
 /// The best models by number of effects, by what their texts do when they are simulated.

@@ -99,13 +99,15 @@ impl Diagnosed<'_> {
     pub fn answer(&self, written: Option<&str>, wanted: Wanted) -> Result<Answer, Failure> {
         let Self { asked, session, options, found, in_time } = self;
         let document = DiagnosisDocument { records: session.judged.clone(), ..DiagnosisDocument::of(found, written) };
-        let both = Wanted { json: wanted.json || wanted.files, ..wanted };
-        let answer = Answer::of(diagnosis_text(&document), &document, both)?;
-        let mut answer = Answer { good: *in_time && !found.stopped, ..answer };
         let changed = |text: &String| difference(session.model.source().text(), text, &asked.model.model);
         let difference = found.extended.as_ref().map(changed).unwrap_or_default();
-        if !difference.is_empty() {
-            answer.text.push_str(&format!("\n{difference}"));
+        let gap = if difference.is_empty() { "" } else { "\n" };
+        let told = |verbose: bool| format!("{}{gap}{difference}", diagnosis_text(&document, verbose));
+        let both = Wanted { json: wanted.json || wanted.files, ..wanted };
+        let answer = Answer::of(told(wanted.verbose), &document, both)?;
+        let mut answer = Answer { good: *in_time && !found.stopped, ..answer };
+        if !wanted.verbose {
+            answer.text.push_str("\n`--verbose` tells what else was weighed, tried and assumed.\n");
         }
         if asked.write.is_some() && found.extended.is_none() {
             answer.text.push_str("nothing was written: no effect was accepted\n");
@@ -114,17 +116,17 @@ impl Diagnosed<'_> {
             let noise = options.fit.options.noise.clone();
             let identity = Identity::of(&session.model, &session.all(), options);
             let manifest = session.manifest_of_diagnosis(identity, noise, wanted);
-            answer.files = manifest.sealed(self.files(&answer, &difference)).or_failure()?;
+            answer.files = manifest.sealed(self.files(&answer, (told(true), &difference))).or_failure()?;
         }
         answer.json = answer.json.filter(|_| wanted.json);
         Ok(answer)
     }
 
     /// What a folder holds.
-    fn files(&self, answer: &Answer, difference: &str) -> Vec<NamedFile> {
+    fn files(&self, answer: &Answer, (whole, difference): (String, &str)) -> Vec<NamedFile> {
         let model = &self.session.model;
         let (own, json) = (model.source().text().to_string(), answer.json.clone().unwrap_or_default());
-        let mut files = vec![("diagnosis.txt", answer.text.clone()), ("diagnosis.json", json), ("model.fdm", own)];
+        let mut files = vec![("diagnosis.txt", whole), ("diagnosis.json", json), ("model.fdm", own)];
         if let Some(extended) = &self.found.extended {
             files.extend([("extended.fdm", extended.clone()), ("extended.diff", difference.to_string())]);
         }

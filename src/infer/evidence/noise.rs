@@ -23,6 +23,9 @@ const WANDERING: f64 = 0.01;
 const ROUGH: f64 = 0.05;
 /// Shape of their inverse-gamma factor: each band within a factor of about 1.7 of its shape.
 pub(crate) const ROUGHNESS: f64 = 4.0;
+/// Power that every bin has at least, as a part of the mean one (80 dB): no sensor is good over a wider range. Without it a record that was smoothed
+/// counts where it is silent, a million times too much.
+const RESOLVED: f64 = 1e-8;
 /// Newton's steps to the likeliest level of a rough spectrum, the longest of them (in the logarithm of the level), and one that is near enough.
 const LEVEL_STEPS: usize = 20;
 const LONGEST: f64 = 2.0;
@@ -43,8 +46,8 @@ const BESIDE: [f64; 3] = [0.0, 0.1, 1.0];
 /// Noise of one output before anything is seen: shapes of its spectrum with their prior.
 #[derive(Debug, Clone)]
 pub(crate) struct NoisePrior {
-    /// Bands, and bins in all of them.
-    bands: usize,
+    /// Bins in each band, and in all.
+    bins: Vec<f64>,
     total: f64,
     /// 1/s of each shape (K rows of B).
     inverse: Vec<f64>,
@@ -69,6 +72,7 @@ pub(crate) struct Noise {
 /// What is computed with, kept between calls.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct NoiseScratch {
+    powers: Vec<f64>,
     likelihood: Vec<f64>,
     quotient: Vec<f64>,
     rough: Vec<RoughLevel>,
@@ -182,22 +186,21 @@ impl NoisePrior {
             rough_constant: gammas + prior - total / 2.0 * (2.0 * PI).ln(),
             rough: rough.into_iter().flat_map(normalised).map(|s| ROUGHNESS * s).collect(),
             rough_powers,
-            bands: bins.len(),
+            bins: bins.clone(),
             total,
             inverse,
             constant,
         }
     }
 
-    /// Bands.
-    pub(crate) fn bands(&self) -> usize {
-        self.bands
-    }
-
     /// The noise that leaves these powers (sums of squares in each band).
     pub(crate) fn given(&self, powers: &[f64], scratch: &mut NoiseScratch, noise: &mut Noise) {
-        let (bands, half) = (self.bands(), self.total / 2.0);
-        let NoiseScratch { likelihood, quotient, rough } = scratch;
+        let (bands, half) = (self.bins.len(), self.total / 2.0);
+        let NoiseScratch { powers: own, likelihood, quotient, rough } = scratch;
+        let floor = RESOLVED * powers.iter().sum::<f64>() / self.total;
+        own.clear();
+        own.extend(powers.iter().zip(&self.bins).map(|(power, bins)| (power + floor * bins).max(f64::MIN_POSITIVE)));
+        let powers = &own[..];
         quotient.clear();
         widest(
             #[inline(always)]

@@ -21,8 +21,6 @@ use std::f64::consts::PI;
 /// Rounds, and the change of the evidence (nats) that is not worth another.
 const ROUNDS: usize = 12;
 const SETTLED: f64 = 0.02;
-/// Part of an output's power that every band has at least: what a model takes beyond it is rounding.
-const LEAST_POWER: f64 = 1e-12;
 
 /// The evidence of a linearised model and what it says of its unknowns.
 #[derive(Debug, Clone)]
@@ -256,8 +254,6 @@ impl<'a> Posterior<'a> {
             }
         }
         for (output, (own, noise)) in powers.chunks_exact_mut(bands).zip(&mut self.noise).enumerate() {
-            let least = LEAST_POWER * grams.residual_powers(output).iter().sum::<f64>() / bands as f64;
-            own.iter_mut().for_each(|power| *power = power.max(least));
             self.question.noise[output].given(own, &mut self.scratch, noise);
             log += noise.evidence;
         }

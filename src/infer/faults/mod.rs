@@ -228,10 +228,9 @@ fn beside(
         needed: options.odds.ln(),
         pace,
     };
-    let null = start.clone();
     let found = search.run(start);
     let weighed = told::weighed(&ground, &found);
-    let findings = told::findings(&ground, &found, &null.0);
+    let findings = told::findings(&ground, &found);
     let mut params = model.definition().params.clone();
     for (k, param) in params.iter_mut().enumerate().filter(|(_, p)| !p.fixed && !p.per_run) {
         param.value = found.point.theta[0][k].clamp(param.lower, param.upper);

@@ -16,6 +16,8 @@ const REFITTED: usize = 4;
 const ROUNDS: usize = 2;
 /// Errors that a size must have.
 const SIGMAS: f64 = 4.0;
+/// Gain of the fit without faults (nats) that is worth another round: less moves no odds that are told.
+const BETTER: f64 = 1.0;
 /// Radians of the fastest mode between two samples, beyond which no motion could be fitted.
 pub(crate) const FASTEST: f64 = 30.0;
 /// Longest delay that is looked for, as a part of the record, and of inputs.
@@ -38,6 +40,8 @@ pub(crate) struct Weighed {
 
 /// What a search ends with.
 pub(crate) struct Found {
+    /// The likeliest point without faults.
+    pub(crate) null: Point,
     pub(crate) accepted: Vec<Accepted>,
     pub(crate) point: Point,
     pub(crate) judged: Judged,
@@ -74,6 +78,7 @@ impl Search<'_> {
     /// Looks for faults as long as there is a likely one, from a fit on.
     pub(crate) fn run(&self, (mut point, mut judged): (Point, Judged)) -> Found {
         let (mut accepted, mut first, mut fits): (Vec<Accepted>, Vec<Weighed>, usize) = (Vec::new(), Vec::new(), 1);
+        let mut null = point.clone();
         while accepted.len() < self.most && self.ground.work.goes_on() {
             let (all, tried) = self.round(&point, &judged);
             fits += tried;
@@ -84,11 +89,27 @@ impl Search<'_> {
                 first = all.clone();
             }
             let Some(best) = all.first().filter(|b| b.log > self.needed).cloned() else { break };
+            if accepted.is_empty()
+                && let Some(better) = self.better_null(&best, judged.log)
+            {
+                (point, judged) = better;
+                null = point.clone();
+                continue;
+            }
             (point, judged) = (best.point, best.judged);
             accepted.push(Accepted { prior: best.prior, log_odds: best.log, near: all, without: None });
             fits += self.needed_still(&mut accepted, &mut point, &mut judged);
         }
-        Found { accepted, point, judged, first, fits }
+        Found { null, accepted, point, judged, first, fits }
+    }
+
+    /// The fit without faults that begins where the first fault led, where it is likelier than the one known: a fit that had stopped on its way is no
+    /// evidence for a fault.
+    fn better_null(&self, first: &Weighed, known: f64) -> Option<(Point, Judged)> {
+        let begun = self.ground.without(&first.point, 0);
+        let weights = [Some(&first.judged.evidence.weights[..]), None];
+        let all = weights.into_iter().filter_map(|weights| self.ground.refit(begun.clone(), weights));
+        all.filter(|(_, judged)| judged.log > known + BETTER).max_by(|a, b| a.1.log.total_cmp(&b.1.log))
     }
 
     /// Each accepted fault with what is lost without it, given all others; one that is not needed any more is dropped.

@@ -77,8 +77,8 @@ fn hypothesis(ground: &Ground<'_>, point: &Point, judged: &Judged, k: usize) -> 
     }
 }
 
-/// The accepted faults as findings; `null` is the fit without any.
-pub(crate) fn findings(ground: &Ground<'_>, found: &Found, null: &Point) -> Vec<Finding> {
+/// The accepted faults as findings.
+pub(crate) fn findings(ground: &Ground<'_>, found: &Found) -> Vec<Finding> {
     let edits = found.point.edits();
     let factor = time_factor(&edits);
     let of = |(k, accepted): (usize, &Accepted)| {
@@ -109,7 +109,7 @@ pub(crate) fn findings(ground: &Ground<'_>, found: &Found, null: &Point) -> Vec<
             let behind = record.time.iter().filter(|t| **t >= at).count();
             finding = finding.at(at, record.time.last().copied().unwrap_or(at), behind);
         }
-        finding.biases = ground.biases(accepted.without.as_ref().unwrap_or(null), (&found.point, &found.judged));
+        finding.biases = ground.biases(accepted.without.as_ref().unwrap_or(&found.null), (&found.point, &found.judged));
         finding
     };
     found.accepted.iter().enumerate().map(of).collect()
