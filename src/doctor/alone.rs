@@ -82,7 +82,7 @@ pub fn leading(findings: &[Finding]) -> Vec<String> {
     let shown = if all.len() > MOST { MOST - 1 } else { all.len() };
     let line = |f: &&Finding| {
         let channels = f.channels.join("`, `");
-        format!("run `{}`: `{channels}`: {}: {} ({})", f.run, f.fault, f.what, f.odds())
+        format!("run `{}`: `{channels}`: {}: {} ({})", f.run, f.fault, f.what, f.sureness())
     };
     let mut lines: Vec<String> = all[..shown].iter().map(line).collect();
     if all.len() > shown {

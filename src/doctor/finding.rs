@@ -218,16 +218,18 @@ impl Finding {
         self
     }
 
-    /// The odds as people read them, two digits of them: `20 : 1`. Beyond a million to one nobody tells them apart.
-    pub fn odds(&self) -> String {
-        const LARGEST: f64 = 1e6;
-        match self.log_odds.exp().max(1.0) {
-            odds if odds >= LARGEST => "odds above a million : 1".into(),
-            odds => {
-                let unit = 10f64.powi((odds.log10().floor() as i32 - 1).max(0));
-                format!("odds {:.0} : 1", (odds / unit).round() * unit)
-            }
-        }
+    /// How sure it is, in words.
+    pub fn sureness(&self) -> String {
+        format!("probability {}", probability(1.0 / (1.0 + (-self.log_odds).exp())))
+    }
+}
+
+/// A probability as people read it, in two digits: no search over a list of causes makes one surer than that.
+pub fn probability(p: f64) -> String {
+    match p {
+        p if p > 0.995 => "above 0.99".into(),
+        p if p < 0.005 => "below 0.01".into(),
+        p => format!("{p:.2}"),
     }
 }
 

@@ -28,7 +28,7 @@ pub use alone::{AloneOptions, examine_alone, leading};
 pub use by_kinematics::{Sized, Witness};
 pub use catalogue::{Estimated, Hypothesis, discrete};
 pub use edit::{Channels, Edit, Slot, edited, lag_weights, time_factor};
-pub use finding::{Bias, Fault, Finding, Place, Severity, in_order as sort};
+pub use finding::{Bias, Fault, Finding, Place, Severity, in_order as sort, probability};
 pub use information::{Pace, information, pace};
 pub use kinematics::{Balance, Kinematics};
 pub use masked::mask;

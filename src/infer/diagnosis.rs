@@ -62,6 +62,9 @@ pub struct NewValue {
     pub value: f64,
     /// Its standard error, under the colour of the noise; none at a bound, or where it is not estimated.
     pub standard_error: Option<f64>,
+    /// Its value in the extended text: that of a plain fit, where that predicts as well.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub written: Option<f64>,
     /// Its unit, where the model has units.
     pub unit: Option<String>,
     /// The value at which the effect vanishes; none for a nuisance.

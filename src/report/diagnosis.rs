@@ -9,7 +9,7 @@ use crate::page::number::{behind, bracketed, unit_of_frequency};
 use crate::page::subject::Subject;
 use crate::page::thinning::Kept;
 use crate::text;
-use fdm_doctor::Finding;
+use fdm_doctor::{Finding, probability};
 use fdm_infer::{
     Biased, Cause, EffectAt, FrontModel, FrontOutput, LackOfFit, NewValue, OutputGain, PlaceKind, UnnamedCause, Verdict,
 };
@@ -27,6 +27,8 @@ const NAMED: usize = 3;
 const ALIKE: f64 = 4.6;
 /// Probability below which another kind of explanation is not named in short.
 const SMALLEST: f64 = 0.005;
+/// Standard errors between an estimate and the written value that are told: beyond them something else is wrong, too.
+const APART: f64 = 3.0;
 /// Fits of a search that are shown.
 const NEAREST: usize = 5;
 /// Outputs whose errors have columns of their own in text.
@@ -143,13 +145,13 @@ pub(crate) fn verdict(found: &DiagnosisDocument) -> Judged {
     let of_told = found.explanations.iter().find(|e| e.verdict == found.verdict);
     let probable = of_told.map_or(String::new(), |e| format!(" (probability {})", probability(e.probability)));
     Judged::new(if is_clean { Trust::Good } else { Trust::Reserved }, format!("{said}{probable}."))
-    .with_points(unexplained(found), "gain")
-    .with_points(likelier(found), "wrong")
-    .with_points(faults, "mended")
-    .with_points(stopped, "causes")
-    .with_points(causes, "causes")
-    .with_points(places(found), "wrong")
-    .with_points(lacks(found).map(str::to_string), "wrong")
+        .with_points(unexplained(found), "gain")
+        .with_points(likelier(found), "wrong")
+        .with_points(faults, "mended")
+        .with_points(stopped, "causes")
+        .with_points(causes, "causes")
+        .with_points(places(found), "wrong")
+        .with_points(lacks(found).map(str::to_string), "wrong")
 }
 
 /// What is likelier than what is told, and cannot be told: faults of records that no repair was found for, sets that predict worse.
@@ -158,15 +160,6 @@ fn likelier(found: &DiagnosisDocument) -> Option<String> {
     let told = found.explanations.iter().find(|e| e.verdict == found.verdict)?;
     let is = best.probability > told.probability;
     is.then(|| format!("Likelier is {} (probability {}).", explained(best.verdict), probability(best.probability)))
-}
-
-/// A probability, in two digits.
-fn probability(p: f64) -> String {
-    match p {
-        p if p > 0.995 => "above 0.99".into(),
-        p if p < 0.005 => "below 0.01".into(),
-        p => format!("{p:.2}"),
-    }
 }
 
 /// Outputs of which the model explains nothing: what is found beside such a fit may be about the fit.
@@ -336,7 +329,13 @@ fn cause(c: &Cause) -> Vec<String> {
 fn value(p: &NewValue) -> String {
     let unit = p.unit.as_ref().map_or(String::new(), |u| format!(" {u}"));
     let error = p.standard_error.map_or(String::new(), |e| format!(" +- {}", digits(e, 2)));
-    format!("{} = {}{error}{unit}", p.name, digits(p.value, 5))
+    let apart = |written: &f64| p.standard_error.is_some_and(|e| (written - p.value).abs() > APART * e);
+    // a wrong text fitted to other weights has other values
+    let written = p
+        .written
+        .filter(apart)
+        .map_or(String::new(), |w| format!("; a plain fit, as it is written, has {}", digits(w, 5)));
+    format!("{} = {}{error}{unit}{written}", p.name, digits(p.value, 5))
 }
 
 fn alternatives(c: &Cause) -> Option<String> {

@@ -73,9 +73,9 @@ fn sections(found: &DoctorDocument, records: &[Record]) -> Vec<Section> {
 
 /// A finding in a sentence.
 fn finding_sentence(finding: &Finding) -> String {
-    let odds = if finding.severity == Severity::Remark { String::new() } else { format!(" ({})", finding.odds()) };
+    let sure = if finding.severity == Severity::Remark { String::new() } else { format!(" ({})", finding.sureness()) };
     let (channels, what) = (finding.channels.join(", "), visible(&finding.what));
-    format!("{} in run {}: {}: {what}{odds}", visible(&channels), visible(&finding.run), finding.fault)
+    format!("{} in run {}: {}: {what}{sure}", visible(&channels), visible(&finding.run), finding.fault)
 }
 
 /// A finding with its place, what it does, its repair, and a figure; it has the place `k` among all.

@@ -32,6 +32,12 @@ impl WrittenModel {
     pub(crate) fn ratio(&self) -> f64 {
         self.validation.unwrap_or(self.training)
     }
+
+    /// The value of a parameter in the text.
+    pub(crate) fn value(&self, name: &str) -> Option<f64> {
+        let at = self.fitted.model.definition().param(name)?;
+        self.fitted.theta.first().map(|theta| theta[at])
+    }
 }
 
 /// Writes the estimates into the text of an extended model: those of a plain fit, or the joint ones (`theta`) where these predict

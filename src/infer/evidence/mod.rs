@@ -2,6 +2,7 @@
 
 pub(crate) mod bands;
 pub(crate) mod binning;
+pub(crate) mod climb;
 pub(crate) mod decimation;
 mod factor;
 pub(crate) mod gram;

@@ -19,6 +19,7 @@ mod weighing;
 use crate::candidates::fitted_model::FittedModel;
 use crate::candidates::initial_fit::{plainly, with_validation_runs};
 use crate::candidates::runs::{Domain, Runs, keeps_inputs};
+use crate::evidence::climb::Climb;
 use crate::evidence::decimation::decimation;
 use crate::search::log_sum;
 use fdm_doctor::{
@@ -217,7 +218,7 @@ fn beside(
     let values: Vec<f64> = stated.iter().map(|s| extended.definition().params[s.param].value).collect();
     let reached = base.theta.iter().map(|theta| [&theta[..], &values].concat()).collect();
     let ground = Ground::new((&extended, stated), (fitted, &fewer, every), (runs, witness), work)?;
-    let at = |theta: Vec<Vec<f64>>| ground.refit(Point { theta, faults: Vec::new() }, None);
+    let at = |theta: Vec<Vec<f64>>| ground.climbed(Point { theta, faults: Vec::new() }, None);
     let both = [at(reached), at(ground.text.clone())];
     let start = both.into_iter().flatten().max_by(|a, b| a.1.log.total_cmp(&b.1.log))?;
     let search = Search {

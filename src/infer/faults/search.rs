@@ -5,6 +5,7 @@ use super::output_edits::is_of_others;
 use super::parts::Parts;
 use super::shifts::shifts_of_zero;
 use super::weighing::Judged;
+use crate::evidence::climb::Climb;
 use fdm_doctor::{Edit, Estimated, Fault, Hypothesis, Slot, Witness, discrete, time_factor};
 use fdm_numeric::parallel;
 
@@ -108,7 +109,7 @@ impl Search<'_> {
     fn better_null(&self, first: &Weighed, known: f64) -> Option<(Point, Judged)> {
         let begun = self.ground.without(&first.point, 0);
         let weights = [Some(&first.judged.evidence.weights[..]), None];
-        let all = weights.into_iter().filter_map(|weights| self.ground.refit(begun.clone(), weights));
+        let all = weights.into_iter().filter_map(|weights| self.ground.climbed(begun.clone(), weights));
         all.filter(|(_, judged)| judged.log > known + BETTER).max_by(|a, b| a.1.log.total_cmp(&b.1.log))
     }
 
@@ -117,9 +118,9 @@ impl Search<'_> {
         let (mut fits, mut k) = (0, 0);
         while k < accepted.len() && accepted.len() > 1 {
             let begun = self.ground.without(point, k);
-            let own = self.ground.refit(begun.clone(), Some(&judged.evidence.weights));
+            let own = self.ground.climbed(begun.clone(), Some(&judged.evidence.weights));
             let text = Point { theta: self.ground.text.clone(), ..begun };
-            let from_text = self.ground.refit(text, None);
+            let from_text = self.ground.climbed(text, None);
             let without = [own, from_text].into_iter().flatten().max_by(|a, b| a.1.log.total_cmp(&b.1.log));
             fits += 2;
             let Some(without) = without else {
@@ -340,7 +341,7 @@ impl Search<'_> {
     /// A hypothesis refitted; none where its size says nothing.
     fn weighed(&self, begun: Point, whole: f64, (before, than, matched): (&Point, &Judged, f64)) -> Option<Weighed> {
         let ground = self.ground;
-        let (point, judged) = ground.refit(begun, None)?;
+        let (point, judged) = ground.climbed(begun, None)?;
         let k = before.faults.len();
         let planted = point.faults[k].clone();
         let parts = ground.parts(&point, &judged, k);

@@ -1,19 +1,13 @@
 //! The log evidence and log prior of a point, and where they are greatest.
 
 use super::ground::{Ground, Planted, Point, Responses};
+use crate::evidence::climb::{Climb, Judgement};
 use crate::evidence::gram::Grams;
 use crate::evidence::prior::{Sign, of_amount};
 use crate::evidence::question::{Evidence, Question};
 use fdm_doctor::{Bias, Fault};
 use fdm_numeric::statistics::log_normal_cdf;
 
-/// Gauss-Newton steps of a refit, and the promised gain (nats) at which none is worth making.
-const STEPS: usize = 10;
-const SETTLED: f64 = 0.05;
-/// Promised gain (nats of white noise) at which a plain fit is near enough.
-const PLAINLY: f64 = 0.5;
-/// Parts of a step that are tried.
-const PARTS: [f64; 4] = [1.0, 0.5, 0.2, 0.05];
 /// Half of all values of parameters are within this factor of the value in the text, and one in so many has another sign.
 const USUAL: f64 = std::f64::consts::LN_2;
 const TURNED: f64 = 1000.0;
@@ -27,8 +21,6 @@ pub(crate) struct Judged {
     pub(crate) promised: f64,
     /// Log prior of the values of parameters.
     pub(crate) values: f64,
-    /// Power of the residual in the bands of each output.
-    powers: Vec<f64>,
 }
 
 impl Ground<'_> {
@@ -49,8 +41,7 @@ impl Ground<'_> {
         let values = self.log_prior_of_values(point, &evidence);
         let promised = evidence.log + values + self.log_prior_of_faults(point, grams, &evidence);
         let log = promised - evidence.gain;
-        let powers = (0..self.outputs()).flat_map(|o| grams.residual_powers(o)).collect();
-        log.is_finite().then_some(Judged { evidence, log, promised, values, powers })
+        log.is_finite().then_some(Judged { evidence, log, promised, values })
     }
 
     /// Products of all columns of a point whose responses these are.
@@ -61,14 +52,6 @@ impl Ground<'_> {
     /// Responses of a point with all derivatives that are asked of it.
     pub(crate) fn responses_of(&self, point: &Point) -> Option<Responses> {
         self.responses(&point.theta, &point.edits(), &self.unknowns(&point.faults))
-    }
-
-    /// The evidence of a point.
-    pub(crate) fn judge(&self, point: &Point, weights: Option<&[f64]>) -> Option<Judged> {
-        if !self.work.goes_on() {
-            return None;
-        }
-        self.judged(point, &self.grams_of(point, &self.responses_of(point)?)?, None, weights)
     }
 
     /// Log prior of the values of parameters that all runs share: the density over the logarithm of each, about the one in the text, so that no unit
@@ -142,97 +125,6 @@ impl Ground<'_> {
         Some(self.plain(point, grams)?.0)
     }
 
-    /// A point after a few steps of a plain fit: where a phase is off by periods, or the fit was led astray, the noise that is found beside it hides the
-    /// way.
-    pub(crate) fn plainly(&self, mut point: Point) -> Option<Point> {
-        for _ in 0..STEPS {
-            if !self.work.goes_on() {
-                return None;
-            }
-            let grams = self.grams_of(&point, &self.responses_of(&point)?)?;
-            let (_, step) = self.plain(&point, &grams)?;
-            if step.gain < PLAINLY {
-                break;
-            }
-            let powers = (0..self.outputs()).flat_map(|o| grams.residual_powers(o));
-            let before: f64 = powers.zip(&step.weights).map(|(p, w)| p * w).sum();
-            let mut tried = PARTS.iter().map(|part| self.moved(&point, &step, *part));
-            match tried.find(|next| self.weighted(next, &step.weights) < before) {
-                Some(next) => point = next,
-                None => break,
-            }
-        }
-        Some(point)
-    }
-
-    /// A part of the step that the evidence proposes, within bounds.
-    fn moved(&self, point: &Point, evidence: &Evidence, part: f64) -> Point {
-        let (mut moved, params) = (point.clone(), &self.model.definition().params);
-        for (k, step) in self.shared.iter().zip(&evidence.mean) {
-            let value = (point.theta[0][*k] + part * step).clamp(params[*k].lower, params[*k].upper);
-            moved.theta.iter_mut().for_each(|theta| theta[*k] = value);
-        }
-        let own = self.own(&point.faults);
-        for (theta, steps) in moved.theta.iter_mut().zip(&evidence.own) {
-            for (k, step) in own.iter().zip(steps) {
-                theta[*k] = (theta[*k] + part * step).clamp(params[*k].lower, params[*k].upper);
-            }
-        }
-        let mut at = self.shared.len();
-        for fault in &mut moved.faults {
-            let Planted::Sized(fault, size) = fault else { continue };
-            let mut step = part * evidence.mean[at];
-            at += 1;
-            match fault.fault {
-                Fault::Delay => step = step.clamp(-4.0 * self.interval, 4.0 * self.interval),
-                Fault::Filtered => step = step.clamp(-0.7 * *size, 2.0 * size.max(self.interval)),
-                Fault::Scale => step = step.clamp(-1.0, 1.0),
-                _ => (),
-            }
-            *size += step;
-        }
-        moved
-    }
-
-    /// Weighted squares of what a point leaves; infinite where it has no response.
-    fn weighted(&self, point: &Point, weights: &[f64]) -> f64 {
-        let edits = point.edits();
-        let Some(responses) = self.responses(&point.theta, &edits, &[]) else { return f64::INFINITY };
-        let of = |r: usize| -> f64 {
-            let bins = &self.binning.runs[r];
-            let left = bins.of(&self.residual(r, &responses, &edits), false);
-            let power = |begin: usize, end: usize| left[begin..end].iter().map(|v| v * v).sum::<f64>();
-            bins.segments.iter().map(|s| weights[s.place] * power(s.begin, s.end)).sum()
-        };
-        let sum: f64 = (0..self.runs.len()).map(of).sum();
-        if sum.is_finite() { sum } else { f64::INFINITY }
-    }
-
-    /// A point fitted by its own noise, with the greatest evidence on the way; none where it has no response.
-    pub(crate) fn refit(&self, point: Point, weights: Option<&[f64]>) -> Option<(Point, Judged)> {
-        let mut judged = self.judge(&point, weights)?;
-        let mut point = point;
-        let mut best: Option<(Point, Judged)> = None;
-        for _ in 0..STEPS {
-            if judged.evidence.gain < SETTLED || !self.work.goes_on() {
-                break;
-            }
-            let own = judged.evidence.weights.clone();
-            let before: f64 = judged.powers.iter().zip(&own).map(|(p, w)| p * w).sum();
-            let mut tried = PARTS.iter().map(|part| self.moved(&point, &judged.evidence, *part));
-            let Some(next) = tried.find(|next| self.weighted(next, &own) < before) else { break };
-            let Some(found) = self.judge(&next, Some(&own)) else { break };
-            if best.as_ref().is_none_or(|(_, b)| judged.log > b.log) {
-                best = Some((point, judged));
-            }
-            (point, judged) = (next, found);
-        }
-        match best {
-            Some(best) if best.1.log > judged.log => Some(best),
-            _ => Some((point, judged)),
-        }
-    }
-
     /// Place of the size of a fault among the shared unknowns of a point.
     pub(crate) fn place_of(&self, point: &Point, k: usize) -> usize {
         self.shared.len() + point.faults[..k].iter().filter(|f| matches!(f, Planted::Sized(..))).count()
@@ -261,6 +153,77 @@ impl Ground<'_> {
         all.retain(|b| b.standard_errors.abs() >= LEAST);
         all.sort_by(|a, b| b.standard_errors.abs().total_cmp(&a.standard_errors.abs()));
         all
+    }
+}
+
+impl Judgement for Judged {
+    fn evidence(&self) -> &Evidence {
+        &self.evidence
+    }
+
+    fn log(&self) -> f64 {
+        self.log
+    }
+}
+
+impl Climb for Ground<'_> {
+    type Point = Point;
+    type Judged = Judged;
+
+    fn judge(&self, point: &Point, weights: Option<&[f64]>) -> Option<Judged> {
+        if !self.work.goes_on() {
+            return None;
+        }
+        self.judged(point, &self.grams_of(point, &self.responses_of(point)?)?, None, weights)
+    }
+
+    fn plain_step(&self, point: &Point) -> Option<Evidence> {
+        Some(self.plain(point, &self.grams_of(point, &self.responses_of(point)?)?)?.1)
+    }
+
+    fn moved(&self, point: &Point, evidence: &Evidence, part: f64) -> Point {
+        let (mut moved, params) = (point.clone(), &self.model.definition().params);
+        for (k, step) in self.shared.iter().zip(&evidence.mean) {
+            let value = (point.theta[0][*k] + part * step).clamp(params[*k].lower, params[*k].upper);
+            moved.theta.iter_mut().for_each(|theta| theta[*k] = value);
+        }
+        let own = self.own(&point.faults);
+        for (theta, steps) in moved.theta.iter_mut().zip(&evidence.own) {
+            for (k, step) in own.iter().zip(steps) {
+                theta[*k] = (theta[*k] + part * step).clamp(params[*k].lower, params[*k].upper);
+            }
+        }
+        let mut at = self.shared.len();
+        for fault in &mut moved.faults {
+            let Planted::Sized(fault, size) = fault else { continue };
+            let mut step = part * evidence.mean[at];
+            at += 1;
+            match fault.fault {
+                Fault::Delay => step = step.clamp(-4.0 * self.interval, 4.0 * self.interval),
+                Fault::Filtered => step = step.clamp(-0.7 * *size, 2.0 * size.max(self.interval)),
+                Fault::Scale => step = step.clamp(-1.0, 1.0),
+                _ => (),
+            }
+            *size += step;
+        }
+        moved
+    }
+
+    fn weighted(&self, point: &Point, weights: &[f64]) -> f64 {
+        let edits = point.edits();
+        let Some(responses) = self.responses(&point.theta, &edits, &[]) else { return f64::INFINITY };
+        let of = |r: usize| -> f64 {
+            let bins = &self.binning.runs[r];
+            let left = bins.of(&self.residual(r, &responses, &edits), false);
+            let power = |begin: usize, end: usize| left[begin..end].iter().map(|v| v * v).sum::<f64>();
+            bins.segments.iter().map(|s| weights[s.place] * power(s.begin, s.end)).sum()
+        };
+        let sum: f64 = (0..self.runs.len()).map(of).sum();
+        if sum.is_finite() { sum } else { f64::INFINITY }
+    }
+
+    fn goes_on(&self) -> bool {
+        self.work.goes_on()
     }
 }
 

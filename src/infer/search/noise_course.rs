@@ -6,6 +6,7 @@
 use super::sets::Fitted;
 use super::state::{Ground, State};
 use crate::candidates::predictor::responses;
+use crate::evidence::climb::Climb;
 use crate::evidence::noise::ROUGHNESS;
 use fdm_numeric::statistics::log_gamma;
 use std::ops::Range;

@@ -8,6 +8,7 @@ use crate::candidates::extended_model::{SignalScales, place};
 use crate::candidates::fitted_model::FittedModel;
 use crate::candidates::forced_tiles::all_directions;
 use crate::diagnosis::{EffectAt, LeftOut};
+use crate::evidence::climb::Climb;
 use crate::evidence::gram::{Border, Grams, products};
 use crate::evidence::prior::{Sign, of_amount};
 use crate::evidence::question::Question;

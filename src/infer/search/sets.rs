@@ -5,6 +5,7 @@ use super::random_effect::log_sum;
 use super::state::{Ground, Judged, State};
 use crate::candidates::extended_model::place;
 use crate::diagnosis::{EffectAt, LeftOut, SearchStep, Tried};
+use crate::evidence::climb::Climb;
 use fdm_effects::Candidate;
 use fdm_numeric::parallel;
 use std::collections::BTreeSet;

@@ -6,6 +6,7 @@ use crate::candidates::fitted_model::FittedModel;
 use crate::candidates::predictor::Predictor;
 use crate::candidates::runs::Runs;
 use crate::evidence::binning::Binning;
+use crate::evidence::climb::{Climb, Judgement, SETTLED};
 use crate::evidence::gram::Grams;
 use crate::evidence::prior::{Sign, of_amount, of_limit, precision_of_nuisance};
 use crate::evidence::question::{Evidence, Question};
@@ -17,16 +18,8 @@ use fdm_system::model::Model;
 use fdm_system::record::Run;
 use std::sync::Arc;
 
-/// Gauss-Newton steps of a refit, and the promised gain (nats) at which none is worth making.
-const STEPS: usize = 12;
-const SETTLED: f64 = 0.025;
 /// Times that steps are chosen anew for the values of a refit.
 const STEPPED: usize = 3;
-/// Promised gain (nats of white noise) at which a plain fit is near enough.
-const PLAINLY: f64 = 0.5;
-/// Parts of a step that are tried, and the promised gain up to which the first that helps is taken.
-const PARTS: [f64; 4] = [1.0, 0.5, 0.2, 0.05];
-const NEAR: f64 = 2.0;
 /// How far one step may take what has a size: from a seventh to four times of it.
 const SHRINKS: f64 = 0.85;
 const GROWS: f64 = 3.0;
@@ -320,8 +313,65 @@ impl Ground<'_> {
         sum
     }
 
-    /// The evidence of a state, its noise begun at these weights.
-    pub(crate) fn judge(&self, state: &State, weights: Option<&[f64]>) -> Option<Judged> {
+    /// Weights of white noise as large as the residuals of each output are.
+    pub(crate) fn plain_weights(&self, grams: &Grams) -> Vec<f64> {
+        let of = |output: usize| {
+            let power: f64 = grams.residual_powers(output).iter().sum();
+            let own =
+                self.binning.runs.iter().flat_map(|r| &r.segments).filter(|s| s.place / self.binning.bands == output);
+            let bins: usize = own.map(|s| s.end - s.begin).sum();
+            vec![bins as f64 / power.max(f64::MIN_POSITIVE); self.binning.bands]
+        };
+        (0..self.binning.outputs).flat_map(of).collect()
+    }
+
+    /// A state with steps that suit its values; none where those that it has do: halves of them would move its weighted squares by no more than is worth a
+    /// step of a fit.
+    fn with_own_steps(&self, state: &State, weights: &[f64]) -> Option<State> {
+        let with = |predictors: Vec<Predictor>| State {
+            text: Arc::new(Text { predictors, ..Text::clone(&state.text) }),
+            ..state.clone()
+        };
+        let halved = state.text.predictors.iter().map(Predictor::halved).collect::<Option<Vec<_>>>()?;
+        let moved = self.weighted(&with(halved), weights) - self.weighted(state, weights);
+        if 0.5 * moved.abs() < SETTLED {
+            return None;
+        }
+        Predictor::all(&state.text.model, self.runs, &state.theta).ok().map(with)
+    }
+
+    /// A state fitted by its own noise, with the greatest evidence on the way; none where it has no response. Where its values ask for other steps than those it
+    /// began with, as a time constant does that has become short, it goes on with these.
+    pub(crate) fn refit(&self, state: State, weights: Option<&[f64]>) -> Option<(State, Judged)> {
+        let mut found = self.climbed(state, weights)?;
+        for _ in 0..STEPPED {
+            if !self.work.goes_on() {
+                break;
+            }
+            let own = found.1.evidence.weights.clone();
+            let Some(state) = self.with_own_steps(&found.0, &own) else { break };
+            let Some(next) = self.climbed(state, Some(&own)) else { break };
+            found = next;
+        }
+        Some(found)
+    }
+}
+
+impl Judgement for Judged {
+    fn evidence(&self) -> &Evidence {
+        &self.evidence
+    }
+
+    fn log(&self) -> f64 {
+        self.log
+    }
+}
+
+impl Climb for Ground<'_> {
+    type Point = State;
+    type Judged = Judged;
+
+    fn judge(&self, state: &State, weights: Option<&[f64]>) -> Option<Judged> {
         let linear = self.linearise(state)?;
         let precision = self.precision(state);
         let own = self.own_precision(state);
@@ -332,7 +382,13 @@ impl Ground<'_> {
         log.is_finite().then_some(Judged { linear, evidence, log })
     }
 
-    /// A part of the step that the evidence proposes, within bounds.
+    fn plain_step(&self, state: &State) -> Option<Evidence> {
+        let linear = self.linearise(state)?;
+        let (precision, own) = (self.precision(state), self.own_precision(state));
+        let question = Question { grams: &linear.grams, noise: &self.binning.noise, precision: &precision, own: &own };
+        question.step(&self.plain_weights(&linear.grams))
+    }
+
     fn moved(&self, state: &State, evidence: &Evidence, part: f64) -> State {
         let mut moved = state.clone();
         let params = &state.text.model.definition().params;
@@ -359,20 +415,7 @@ impl Ground<'_> {
         moved
     }
 
-    /// Weights of white noise as large as the residuals of each output are.
-    pub(crate) fn plain_weights(&self, grams: &Grams) -> Vec<f64> {
-        let of = |output: usize| {
-            let power: f64 = grams.residual_powers(output).iter().sum();
-            let own =
-                self.binning.runs.iter().flat_map(|r| &r.segments).filter(|s| s.place / self.binning.bands == output);
-            let bins: usize = own.map(|s| s.end - s.begin).sum();
-            vec![bins as f64 / power.max(f64::MIN_POSITIVE); self.binning.bands]
-        };
-        (0..self.binning.outputs).flat_map(of).collect()
-    }
-
-    /// Weighted squares of what a state leaves; infinite where it has no response.
-    pub(crate) fn weighted(&self, state: &State, weights: &[f64]) -> f64 {
+    fn weighted(&self, state: &State, weights: &[f64]) -> f64 {
         let Text { model, predictors, .. } = &*state.text;
         let of = |r: usize| -> f64 {
             let (run, bins): (&Run, _) = (&self.runs.all[r], &self.binning.runs[r]);
@@ -390,103 +433,7 @@ impl Ground<'_> {
         parallel::map(0..self.runs.all.len(), of).into_iter().sum()
     }
 
-    /// A state after a few steps of a plain fit: each output's errors weigh alike at all frequencies. Where a phase is off by periods, the noise that is found
-    /// beside it hides the way.
-    pub(crate) fn plainly(&self, mut state: State) -> Option<State> {
-        let precision = |state: &State| self.precision(state);
-        for _ in 0..STEPS {
-            if !self.work.goes_on() {
-                break;
-            }
-            let linear = self.linearise(&state)?;
-            let plain = self.plain_weights(&linear.grams);
-            let (shared, own) = (precision(&state), self.own_precision(&state));
-            let question = Question { grams: &linear.grams, noise: &self.binning.noise, precision: &shared, own: &own };
-            let step = question.answer_within(1, Some(&plain))?;
-            if step.gain < PLAINLY {
-                break;
-            }
-            let before = self.weighted(&state, &plain);
-            let better = PARTS.iter().find_map(|part| {
-                let trial = self.moved(&state, &step, *part);
-                (self.weighted(&trial, &plain) < before).then_some(trial)
-            });
-            match better {
-                Some(next) => state = next,
-                None => break,
-            }
-        }
-        Some(state)
-    }
-
-    /// A state with steps that suit its values; none where those that it has do: halves of them would move its weighted squares by no more than is worth a
-    /// step of a fit.
-    fn with_own_steps(&self, state: &State, weights: &[f64]) -> Option<State> {
-        let with = |predictors: Vec<Predictor>| State {
-            text: Arc::new(Text { predictors, ..Text::clone(&state.text) }),
-            ..state.clone()
-        };
-        let halved = state.text.predictors.iter().map(Predictor::halved).collect::<Option<Vec<_>>>()?;
-        let moved = self.weighted(&with(halved), weights) - self.weighted(state, weights);
-        if 0.5 * moved.abs() < SETTLED {
-            return None;
-        }
-        Predictor::all(&state.text.model, self.runs, &state.theta).ok().map(with)
-    }
-
-    /// A state fitted by its own noise, with the greatest evidence on the way; none where it has no response. Where its values ask for other steps than those it
-    /// began with, as a time constant does that has become short, it goes on with these.
-    pub(crate) fn refit(&self, state: State, weights: Option<&[f64]>) -> Option<(State, Judged)> {
-        let mut found = self.refit_by_steps(state, weights)?;
-        for _ in 0..STEPPED {
-            if !self.work.goes_on() {
-                break;
-            }
-            let own = found.1.evidence.weights.clone();
-            let Some(state) = self.with_own_steps(&found.0, &own) else { break };
-            let Some(next) = self.refit_by_steps(state, Some(&own)) else { break };
-            found = next;
-        }
-        Some(found)
-    }
-
-    /// As [`Self::refit`], with the steps that the state has.
-    fn refit_by_steps(&self, state: State, weights: Option<&[f64]>) -> Option<(State, Judged)> {
-        let judged = self.judge(&state, weights)?;
-        let (mut state, mut judged) = (state, judged);
-        let mut best: Option<(State, Judged)> = None;
-        for _ in 0..STEPS {
-            let promised = judged.evidence.gain;
-            if promised < SETTLED || !self.work.goes_on() {
-                break;
-            }
-            let own = judged.evidence.weights.clone();
-            let before = self.weighted(&state, &own);
-            let mut last: Option<(f64, State)> = None;
-            for part in PARTS {
-                let trial = self.moved(&state, &judged.evidence, part);
-                let cost = self.weighted(&trial, &own);
-                if last.as_ref().is_some_and(|(least, _)| cost > *least && *least < before) {
-                    break;
-                }
-                let better = last.as_ref().is_none_or(|(least, _)| cost < *least);
-                if better {
-                    last = Some((cost, trial));
-                }
-                if promised < NEAR && cost < before {
-                    break;
-                }
-            }
-            let Some((_, next)) = last.filter(|(cost, _)| *cost < before) else { break };
-            let Some(found) = self.judge(&next, Some(&own)) else { break };
-            if best.as_ref().is_none_or(|(_, b)| judged.log > b.log) {
-                best = Some((state, judged));
-            }
-            (state, judged) = (next, found);
-        }
-        match best {
-            Some(best) if best.1.log > judged.log => Some(best),
-            _ => Some((state, judged)),
-        }
+    fn goes_on(&self) -> bool {
+        self.work.goes_on()
     }
 }

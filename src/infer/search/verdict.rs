@@ -269,13 +269,15 @@ impl Judge<'_> {
             let described = self.described(&found.null.0, evidence, Some(&curve.written), true);
             front.push(FrontModel { effects: vec![curve.place.clone()], parameters: curve.parameters, ..described });
         }
+        let causes = found.causes.iter().filter(|_| named).map(|cause| told(&found.best, cause, written.as_ref()));
+        let causes = causes.collect();
         let written = written.or(curve.map(|c| c.written));
         let lack_of_fit = self.lack_of_fit();
         let after = written.as_ref().map_or(&first.response, |w| &w.fitted.response);
         Ok(Diagnosis {
             verdict,
             mended: None,
-            causes: found.causes.iter().filter(|_| named).map(|cause| told(&found.best, cause)).collect(),
+            causes,
             explanations,
             unnamed,
             front,
@@ -458,7 +460,7 @@ fn unnamed(found: Unnamed) -> UnnamedCause {
 }
 
 /// A cause as it is told.
-fn told((state, judged): &Fitted, cause: &sets::Cause) -> Cause {
+fn told((state, judged): &Fitted, cause: &sets::Cause, written: Option<&WrittenModel>) -> Cause {
     let placed = &state.effects[cause.effect];
     let own = place(&placed.candidate);
     let q = judged.evidence.mean.len();
@@ -469,6 +471,7 @@ fn told((state, judged): &Fitted, cause: &sets::Cause) -> Cause {
             doc: p.doc.clone(),
             value: state.theta[0][*at],
             standard_error: column.map(|c| judged.evidence.covariance[c * q + c].max(0.0).sqrt()),
+            written: written.and_then(|w| w.value(&p.name)),
             unit: p.unit.as_ref().map(|u| u.text().to_string()),
             null: (!p.nuisance).then_some(p.null),
         }

@@ -24,7 +24,7 @@ impl JudgedRecords {
     pub fn warnings(&self) -> impl Iterator<Item = String> {
         let findings = self.findings.iter().filter(|f| f.severity == Severity::Finding);
         findings.map(|f| {
-            format!("record `{}`: `{}`: {}: {} ({})", f.run, f.channels.join("`, `"), f.fault, f.what, f.odds())
+            format!("record `{}`: `{}`: {}: {} ({})", f.run, f.channels.join("`, `"), f.fault, f.what, f.sureness())
         })
     }
 }
