@@ -123,6 +123,9 @@ pub struct Cause {
     pub parameters: Vec<NewValue>,
     /// Evidence that is lost where it alone is left out.
     pub loss: f64,
+    /// How far parts of the records are apart on it, in what noise lets them be (about 1 where the model is right); none in the frequency domain.
+    #[serde(default)]
+    pub scatter: Option<f64>,
     /// The probability that it is this one, given that something stands in its place.
     pub probability: f64,
     /// What these records cannot tell from it at odds of 100 : 1, the likeliest first; itself left out.
@@ -351,7 +354,7 @@ pub struct Diagnosis {
     pub mended: Option<MendedRecords>,
     /// Every kind of explanation, the likeliest first.
     pub explanations: Vec<Explanation>,
-    /// The dearest first; empty where the verdict is no effect.
+    /// The dearest first; of an unknown cause those that come nearest; empty where no effect is told.
     pub causes: Vec<Cause>,
     /// Causes without a name that were asked about, the likeliest first.
     pub unnamed: Vec<UnnamedCause>,

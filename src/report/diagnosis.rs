@@ -50,8 +50,15 @@ pub fn diagnosis_text(found: &DiagnosisDocument, verbose: bool) -> String {
 fn brief(found: &DiagnosisDocument) -> Section {
     let causes = found.causes.iter().enumerate().flat_map(|(k, c)| {
         let values = c.parameters.iter().map(value).collect::<Vec<String>>().join(", ");
-        let sure = format!("{values} (probability {}, {:.1} nats)", probability(c.probability), c.loss);
-        let list = [sure].into_iter().chain(alternatives(c)).chain(c.separating_experiment.iter().map(to_tell_apart));
+        // beside nothing that could stand in its place the verdict says how sure it is
+        let among =
+            if c.group.is_empty() { String::new() } else { format!("probability {}, ", probability(c.probability)) };
+        let sure = format!("{values} ({among}{:.1} nats)", c.loss);
+        let list = [sure]
+            .into_iter()
+            .chain(apart(found, c))
+            .chain(alternatives(c))
+            .chain(c.separating_experiment.iter().map(to_tell_apart));
         [Part::Line(format!("{}. {}: {}", k + 1, c.place, c.doc)), Part::List(list.collect())]
     });
     let others = found.explanations.iter().filter(|e| e.verdict != found.verdict && e.probability >= SMALLEST);
@@ -59,6 +66,7 @@ fn brief(found: &DiagnosisDocument) -> Section {
     let others: Vec<String> = others.collect();
     let others = (!others.is_empty()).then(|| format!("It could be: {}.", others.join(", ")));
     Section::new("brief", "In short")
+        .with(Part::Gap)
         .with_all(causes)
         .lines(places(found))
         .lines(lacks(found).take(NAMED).filter(|_| found.causes.is_empty()).map(str::to_string))
@@ -124,11 +132,16 @@ pub(crate) fn sections(subject: &Subject, found: &DiagnosisDocument) -> Vec<Sect
 
 /// In one sentence, and the sentences that stand below it, each with the section that shows it.
 pub(crate) fn verdict(found: &DiagnosisDocument) -> Judged {
+    let resembles = !found.causes.is_empty();
     let said = match (found.verdict, found.stopped) {
         (Verdict::RecordFault, _) => "The records are to be mended, and the model lacks nothing else",
         (Verdict::EffectFound, _) => "Something is missing from the model",
         (Verdict::Disturbance, _) => "A disturbance (process noise) acts on the model",
         (Verdict::Law, _) => "A function of one signal is missing that no effect of the catalogue is",
+        (Verdict::UnknownCause, _) if resembles => {
+            "Something is missing from the model that is none of the causes that were tried: parts of the records disagree on the \
+             nearest one"
+        }
         (Verdict::UnknownCause, _) => "The model is wrong in a way that nothing that was tried explains",
         (Verdict::NoEffectFound, true) => "Nothing was found before the search was stopped",
         (Verdict::NoEffectFound, false) => "No missing effect detected",
@@ -309,12 +322,12 @@ fn mended(found: &DiagnosisDocument) -> Option<Section> {
 
 /// Each cause with its parameters, what it gains, and its alternatives.
 fn causes(found: &DiagnosisDocument) -> Section {
-    let parts = found
-        .causes
-        .iter()
-        .enumerate()
-        .flat_map(|(k, c)| [Part::Heading(format!("{}. {}: {}", k + 1, c.place, c.doc)), Part::List(cause(c))]);
-    Section::new("causes", "Causes").with_all(parts)
+    let parts = found.causes.iter().enumerate().flat_map(|(k, c)| {
+        let list = apart(found, c).into_iter().chain(cause(c)).collect();
+        [Part::Heading(format!("{}. {}: {}", k + 1, c.place, c.doc)), Part::List(list)]
+    });
+    let title = if found.verdict == Verdict::UnknownCause { "What comes nearest" } else { "Causes" };
+    Section::new("causes", title).with_all(parts)
 }
 
 fn cause(c: &Cause) -> Vec<String> {
@@ -336,6 +349,12 @@ fn value(p: &NewValue) -> String {
         .filter(apart)
         .map_or(String::new(), |w| format!("; a plain fit, as it is written, has {}", digits(w, 5)));
     format!("{} = {}{error}{unit}{written}", p.name, digits(p.value, 5))
+}
+
+/// How far parts of the records are apart on it, where that says that it is not the cause.
+fn apart(found: &DiagnosisDocument, c: &Cause) -> Option<String> {
+    let scatter = c.scatter.filter(|_| found.verdict == Verdict::UnknownCause)?;
+    Some(format!("parts of the records are {} times as far apart on it as noise lets them", digits(scatter, 2)))
 }
 
 fn alternatives(c: &Cause) -> Option<String> {

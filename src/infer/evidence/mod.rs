@@ -7,6 +7,7 @@ pub(crate) mod decimation;
 mod factor;
 pub(crate) mod gram;
 pub(crate) mod noise;
+pub(crate) mod parts;
 pub(crate) mod prior;
 pub(crate) mod question;
 pub(crate) mod screen;

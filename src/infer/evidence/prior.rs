@@ -7,7 +7,7 @@
 use fdm_numeric::statistics::log_normal_cdf;
 
 /// Natural logarithm of the range of an amount: three decades.
-const DECADES: f64 = 6.907_755_278_982_137;
+pub(crate) const DECADES: f64 = 6.907_755_278_982_137;
 
 /// What physics knows of the sign of an amount.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -222,11 +222,6 @@ impl<'a> Ground<'a> {
         self.deviations.len()
     }
 
-    /// Samples of a run that are compared.
-    pub(crate) fn samples(&self, r: usize) -> usize {
-        self.measured[r].len() / self.outputs()
-    }
-
     /// A point without one of its faults: a state begins where the model says again.
     pub(crate) fn without(&self, point: &Point, k: usize) -> Point {
         let mut without = point.clone();

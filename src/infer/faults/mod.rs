@@ -10,7 +10,6 @@
 
 mod ground;
 mod output_edits;
-mod parts;
 mod search;
 mod shifts;
 mod told;
@@ -280,7 +279,9 @@ pub(crate) fn mended(fitted: &FittedModel, runs: &[Run], work: &Work<'_>) -> (Op
     let found = beside(fitted, (runs, &witness), &options, (channels(definition).timed, tempo), work);
     let Some(found) = found else { return (None, f64::NEG_INFINITY) };
     let faults = found.weighed.iter().filter(|w| !w.is_none()).map(|w| w.evidence);
-    let together = log_sum(&faults.collect::<Vec<f64>>());
+    // odds that are asked of a fault are its prior odds: most records have none
+    let prior = -options.odds.ln();
+    let together = log_sum(&faults.collect::<Vec<f64>>()) + prior;
     if !found.findings.iter().any(|f| f.severity == Severity::Finding) {
         return (None, together);
     }
@@ -290,8 +291,8 @@ pub(crate) fn mended(fitted: &FittedModel, runs: &[Run], work: &Work<'_>) -> (Op
     let text = fitted.subject.with_free_initials(&begun);
     let model = text.and_then(|text| Model::from_source(text).ok());
     let mended = mended.zip(model).map(|(runs, model)| Mended {
+        evidence: found.evidence + prior * found.findings.len() as f64,
         findings: found.findings,
-        evidence: found.evidence,
         model,
         freed: !begun.is_empty(),
         runs,

@@ -2,10 +2,10 @@
 
 use super::ground::{Ground, Planted, Point, Responses};
 use super::output_edits::is_of_others;
-use super::parts::Parts;
 use super::shifts::shifts_of_zero;
 use super::weighing::Judged;
 use crate::evidence::climb::Climb;
+use crate::evidence::parts::Parts;
 use fdm_doctor::{Edit, Estimated, Fault, Hypothesis, Slot, Witness, discrete, time_factor};
 use fdm_numeric::parallel;
 
@@ -294,7 +294,8 @@ impl Search<'_> {
                 &text
             }
         };
-        let Some(base) = ground.responses(&start.theta, &start.edits(), &all) else { return Vec::new() };
+        // records in another unit of time may leave the text without a response, and are what is asked about
+        let base = ground.responses(&start.theta, &start.edits(), &all);
         let known = ground.witnessed(start);
         let promise = |(kind, planted): &(usize, Planted)| -> Option<(usize, [f64; 3], Point)> {
             if !ground.work.goes_on() {
@@ -306,7 +307,7 @@ impl Search<'_> {
             let own: Responses;
             let kept = planted.edits().iter().all(|e| ground.keeps_inputs(e)) && point.theta == start.theta;
             let responses = match kept {
-                true => &base,
+                true => base.as_ref()?,
                 false => {
                     own = ground.responses_of(&point)?;
                     &own

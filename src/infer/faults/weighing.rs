@@ -3,6 +3,7 @@
 use super::ground::{Ground, Planted, Point, Responses};
 use crate::evidence::climb::{Climb, Judgement};
 use crate::evidence::gram::Grams;
+use crate::evidence::parts::{Linearised, Parts};
 use crate::evidence::prior::{Sign, of_amount};
 use crate::evidence::question::{Evidence, Question};
 use fdm_doctor::{Bias, Fault};
@@ -123,6 +124,14 @@ impl Ground<'_> {
     /// The log evidence of a point by white noise: by how much its response matches.
     pub(crate) fn matched(&self, point: &Point, grams: &Grams) -> Option<f64> {
         Some(self.plain(point, grams)?.0)
+    }
+
+    /// What parts of the records say of the size of a fault; none where it has none, or moves no response.
+    pub(crate) fn parts(&self, point: &Point, judged: &Judged, k: usize) -> Option<Parts> {
+        let Planted::Sized(_, size) = point.faults[k] else { return None };
+        let columns = self.columns(point, &self.responses_of(point)?)?;
+        let (own, evidence, binning) = (self.own(&point.faults).len(), &judged.evidence, &self.binning);
+        Linearised { columns: &columns, own, evidence, binning }.parts(self.place_of(point, k), size)
     }
 
     /// Place of the size of a fault among the shared unknowns of a point.

@@ -6,6 +6,7 @@ use super::state::{Ground, Judged, State};
 use crate::candidates::extended_model::place;
 use crate::diagnosis::{EffectAt, LeftOut, SearchStep, Tried};
 use crate::evidence::climb::Climb;
+use crate::evidence::parts::Disagreement;
 use fdm_effects::Candidate;
 use fdm_numeric::parallel;
 use std::collections::BTreeSet;
@@ -35,6 +36,8 @@ pub(crate) struct Cause {
     pub(crate) loss: f64,
     /// What could stand in its place, with evidence beside it, the likeliest first; itself left out.
     pub(crate) group: Vec<(Candidate, f64)>,
+    /// How far parts of the records are apart on it; none in the frequency domain.
+    pub(crate) disagreement: Option<Disagreement>,
 }
 
 /// What a search says of candidates that it could not judge.
@@ -273,9 +276,10 @@ impl<'a> Search<'a> {
                     group.push((last.candidate.clone(), log - best.1.log));
                 }
             }
-            causes.push(Cause { effect: k, loss: best.1.log - level, group });
+            causes.push(Cause { effect: k, loss: best.1.log - level, group, disagreement: None });
             k += 1;
         }
+        causes.iter_mut().for_each(|cause| cause.disagreement = self.ground.disagreement(best, cause.effect));
         causes.sort_by(|a, b| b.loss.total_cmp(&a.loss));
         causes
     }

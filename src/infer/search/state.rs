@@ -8,6 +8,7 @@ use crate::candidates::runs::Runs;
 use crate::evidence::binning::Binning;
 use crate::evidence::climb::{Climb, Judgement, SETTLED};
 use crate::evidence::gram::Grams;
+use crate::evidence::parts::{Disagreement, Linearised};
 use crate::evidence::prior::{Sign, of_amount, of_limit, precision_of_nuisance};
 use crate::evidence::question::{Evidence, Question};
 use fdm_effects::{Candidate, NewParam, Scales, Subject};
@@ -263,6 +264,20 @@ impl Ground<'_> {
             grams.add(own.len(), &bins.segments, columns);
         }
         Some(Linear { grams, columns })
+    }
+
+    /// How far the parts of the records are apart on an effect: on that of its numbers on which they are farthest.
+    pub(crate) fn disagreement(&self, (state, judged): &(State, Judged), effect: usize) -> Option<Disagreement> {
+        let (placed, own) = (&state.effects[effect], state.text.own.len());
+        let linearised =
+            Linearised { columns: &judged.linear.columns, own, evidence: &judged.evidence, binning: &self.binning };
+        let numbers = placed.params.iter().zip(&placed.at).filter(|(param, _)| !param.nuisance);
+        let of = |(param, at): (&NewParam, &usize)| {
+            let column = state.text.shared.iter().position(|s| s == at)?;
+            let parts = linearised.parts(column, state.theta[0][*at] - param.null)?;
+            Some(parts.disagreement())
+        };
+        numbers.filter_map(of).max_by(|a, b| a.scatter.total_cmp(&b.scatter))
     }
 
     /// Precision of each shared unknown before anything is seen.

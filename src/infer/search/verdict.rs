@@ -255,7 +255,9 @@ impl Judge<'_> {
         };
         let explanations = explanations(&found, &beside, &left);
         let verdict = explanations.first().map_or(Verdict::NoEffectFound, |e| e.verdict);
-        let named = verdict == Verdict::EffectFound;
+        // what errs in the direction of the effects, and is none of them, has them nearest
+        let resembled = verdict == Verdict::UnknownCause && misfit(&found) > beside.best();
+        let named = verdict == Verdict::EffectFound || resembled;
         let Beside { courses, laws } = if named { left } else { beside };
         let state = &found.best.0;
         let written = if named { self.plain(state) } else { None };
@@ -447,12 +449,25 @@ fn explanations(found: &sets::Found, beside: &Beside, left: &Beside) -> Vec<Expl
         (Verdict::EffectFound, effects),
         (Verdict::Disturbance, beside.of(|u| u.signal.is_none() && !is_output(u))),
         (Verdict::Law, beside.of(|u| u.signal.is_some())),
-        (Verdict::UnknownCause, log_sum(&[beside.of(is_output), nameless])),
+        (Verdict::UnknownCause, log_sum(&[beside.of(is_output), nameless, misfit(found)])),
     ];
     let of = of.into_iter().map(|(verdict, evidence)| Explanation { verdict, evidence, probability: 0.0 });
     let mut found = of.collect();
     weighed(&mut found);
     found
+}
+
+/// Evidence that the model errs by more than noise where the effects act: that each is there and the parts of the records disagree on it beyond noise, or
+/// that it is not and they disagree so.
+fn misfit(found: &sets::Found) -> f64 {
+    let (gained, candidates) = (found.best.1.log - found.null.1.log, found.ground.candidates as f64);
+    let of = |cause: &sets::Cause| {
+        let with = cause.disagreement?;
+        let without = with.without(cause.loss + candidates.ln());
+        Some([gained + with.of_misfit(), gained - cause.loss + without.of_misfit()])
+    };
+    // one of the causes, whichever
+    log_sum(&found.causes.iter().filter_map(of).flatten().collect::<Vec<f64>>()) - (found.causes.len().max(1) as f64).ln()
 }
 
 fn unnamed(found: Unnamed) -> UnnamedCause {
@@ -487,6 +502,7 @@ fn told((state, judged): &Fitted, cause: &sets::Cause, written: Option<&WrittenM
         doc: placed.candidate.doc(),
         parameters: parameters.collect(),
         loss: cause.loss,
+        scatter: cause.disagreement.map(|d| d.scatter.sqrt()),
         probability: 1.0 / whole,
         separating_experiment: group.first().map(|other| separating(&own, &other.place)),
         group,

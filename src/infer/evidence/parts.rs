@@ -1,6 +1,6 @@
-//! Whether the parts of the records agree on the size of a fault.
+//! Whether the parts of the records agree on a number: the size of a fault, the amount of an effect.
 //!
-//! Where no model is true its errors are no noise of any spectrum: a flexible fault gains from them as much as their likelihood believes, in one part of
+//! Where no model is true its errors are no noise of any spectrum: a flexible cause gains from them as much as their likelihood believes, in one part of
 //! the record and against another. So its size is estimated from parts that know equally much of it, in which what all parameters explain is left out.
 //! Their scatter says how much larger its error is than the noise lets it be (Birge 1932; of many parts White 1982, of few Ibragimov and Mueller 2010),
 //! and what is gained is the gain of that scatter:
@@ -10,10 +10,10 @@
 //! gain = K/2 [ln c(0) + S(0)/c(0) - ln c(a) - S(a)/c(a)],   S the mean itself
 //! ```
 
-use super::ground::{Ground, Planted, Point};
-use super::weighing::Judged;
-use crate::evidence::prior::{Sign, of_amount};
-use crate::evidence::question::Question;
+use crate::evidence::binning::Binning;
+use crate::evidence::gram::Grams;
+use crate::evidence::prior::{DECADES, Sign, of_amount};
+use crate::evidence::question::{Evidence, Question};
 use std::f64::consts::PI;
 
 /// Parts of all records together: 8 to 16 (Ibragimov and Mueller 2010).
@@ -33,6 +33,11 @@ impl Parts {
     fn scatter(&self, away: f64) -> f64 {
         let squares = self.parts.iter().map(|(score, information)| (score + away * information).powi(2) / information);
         squares.sum::<f64>() / self.parts.len().max(1) as f64
+    }
+
+    /// How far they are apart at the size, in what noise lets them be.
+    pub(crate) fn disagreement(&self) -> Disagreement {
+        Disagreement { scatter: self.scatter(0.0), parts: self.parts.len() as f64 }
     }
 
     /// By how much the square of the size's error is larger than that of the noise.
@@ -57,50 +62,79 @@ impl Parts {
     }
 }
 
-impl Ground<'_> {
-    /// Parts for the size of a fault of a point; none where it has none, or moves no response.
-    pub(crate) fn parts(&self, point: &Point, judged: &Judged, k: usize) -> Option<Parts> {
-        let Planted::Sized(_, size) = point.faults[k] else { return None };
-        let (own, evidence) = (self.own(&point.faults).len(), &judged.evidence);
-        let columns = self.columns(point, &self.responses_of(point)?)?;
-        let at = own + 1 + self.place_of(point, k);
-        // what all others leave of the fault's column
+/// How far parts of the records are apart on a number.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Disagreement {
+    /// Mean square of what they say against it, in that of noise.
+    pub(crate) scatter: f64,
+    parts: f64,
+}
+
+impl Disagreement {
+    /// Evidence that the model errs by more than noise in the direction of the number, its scatter log-uniform over three decades (Laplace).
+    pub(crate) fn of_misfit(&self) -> f64 {
+        let scatter = self.scatter.max(1.0);
+        0.5 * self.parts * (scatter - 1.0 - scatter.ln()) + 0.5 * (4.0 * PI / self.parts).ln() - DECADES.ln()
+    }
+
+    /// That without the number, which gains so much (nats).
+    pub(crate) fn without(&self, gain: f64) -> Self {
+        Self { scatter: self.scatter + 2.0 * gain.max(0.0) / self.parts, ..*self }
+    }
+}
+
+/// A hypothesis linearised, and its evidence.
+#[derive(Clone, Copy)]
+pub(crate) struct Linearised<'a> {
+    /// Columns in bins, run by run: so many of its own, the residual, the shared ones.
+    pub(crate) columns: &'a [Vec<Vec<f64>>],
+    pub(crate) own: usize,
+    pub(crate) evidence: &'a Evidence,
+    pub(crate) binning: &'a Binning,
+}
+
+impl Linearised<'_> {
+    /// Parts for the shared unknown at this place, which is so large; none where it moves no response, or in the frequency domain.
+    pub(crate) fn parts(&self, at: usize, size: f64) -> Option<Parts> {
+        let Self { columns, own, evidence, binning } = *self;
+        // what all others leave of its column
         let others = columns.iter().map(|columns| {
             let mut others = columns.clone();
-            let column = others.remove(at);
+            let column = others.remove(own + 1 + at);
             others[own] = column;
             others
         });
         let others: Vec<Vec<Vec<f64>>> = others.collect();
-        let grams = self.grams(&others, own);
-        let precision = vec![0.0; grams.shared()];
-        let question = Question { grams: &grams, noise: &self.binning.noise, precision: &precision, own: &[] };
+        let shared = others.first().map_or(0, |c| c.len() - own - 1);
+        let mut grams = Grams::new(binning.outputs, binning.bands, shared);
+        others.iter().zip(&binning.runs).for_each(|(columns, bins)| grams.add(own, &bins.segments, columns));
+        let precision = vec![0.0; shared];
+        let question = Question { grams: &grams, noise: &binning.noise, precision: &precision, own: &[] };
         let explained = question.step(&evidence.weights)?;
-        let mut products = Vec::new();
-        for (r, run) in self.binning.runs.iter().enumerate() {
+        let mut rows = Vec::new();
+        for (r, run) in binning.runs.iter().enumerate() {
             let left = |columns: &[Vec<f64>], steps: &[f64], shared: &[f64]| {
                 let mut left = columns[own].clone();
                 let shares = steps.iter().zip(columns).chain(shared.iter().zip(&columns[own + 1..]));
                 for (share, column) in shares {
                     left.iter_mut().zip(column).for_each(|(l, v)| *l -= share * v);
                 }
-                let outputs = self.outputs();
-                let mut signal = vec![0.0; self.samples(r) * outputs];
-                for (output, samples, white) in run.whitened(&left, &evidence.weights) {
-                    samples.iter().zip(white).for_each(|(k, v)| signal[k * outputs + output] = v);
-                }
-                signal
+                run.whitened(&left, &evidence.weights)
             };
-            let fault = left(&others[r], &explained.own[r], &explained.mean);
+            let column = left(&others[r], &explained.own[r], &explained.mean);
             let residual = left(&columns[r], &evidence.own[r], &evidence.mean);
-            let rows = fault.chunks_exact(self.outputs()).zip(residual.chunks_exact(self.outputs()));
-            products.extend(rows.map(|(d, r)| {
-                let of = |other: &[f64]| d.iter().zip(other).map(|(a, b)| a * b).sum::<f64>();
-                (of(r), of(d))
-            }));
+            let samples = column.iter().filter_map(|(_, samples, _)| samples.last()).max().map_or(0, |last| last + 1);
+            let mut own_rows = vec![(0.0, 0.0); samples];
+            for ((_, samples, d), (_, _, r)) in column.iter().zip(&residual) {
+                for (k, (d, r)) in samples.iter().zip(d.iter().zip(r)) {
+                    own_rows[*k].0 += d * r;
+                    own_rows[*k].1 += d * d;
+                }
+            }
+            rows.extend(own_rows);
         }
-        let away = evidence.mean[self.place_of(point, k)];
-        let parts = equal_parts(&products);
+        let away = evidence.mean[at];
+        let parts = equal_parts(&rows);
         (!parts.is_empty()).then_some(Parts { parts, size: size + away, away })
     }
 }
