@@ -185,8 +185,9 @@ struct Found {
     fits: usize,
     /// States that begin where the records have it.
     begun: Vec<String>,
-    /// Evidence of the findings beside records as they are.
+    /// Evidence of the findings beside records as they are, and the log prior in it.
     evidence: f64,
+    prior: f64,
 }
 
 fn beside(
@@ -243,7 +244,8 @@ fn beside(
         findings,
         weighed,
         begun: begun.collect(),
-        evidence: found.accepted.iter().filter_map(|a| a.near.first()).map(|w| w.log).sum(),
+        evidence: found.evidence(),
+        prior: found.prior(),
         edits: found.point.edits(),
         model: model.with_params(params),
         fits: found.fits,
@@ -253,8 +255,9 @@ fn beside(
 /// Records with their faults mended, for a search for what the model lacks.
 pub(crate) struct Mended {
     pub(crate) findings: Vec<Finding>,
-    /// Evidence of the findings beside records as they are.
+    /// Evidence of the findings beside records as they are, and the log prior odds in it.
     pub(crate) evidence: f64,
+    pub(crate) prior: f64,
     /// The text with the initial values free that the records contradict.
     pub(crate) model: Model,
     /// Whether there are such.
@@ -292,6 +295,7 @@ pub(crate) fn mended(fitted: &FittedModel, runs: &[Run], work: &Work<'_>) -> (Op
     let model = text.and_then(|text| Model::from_source(text).ok());
     let mended = mended.zip(model).map(|(runs, model)| Mended {
         evidence: found.evidence + prior * found.findings.len() as f64,
+        prior: found.prior + prior * found.findings.len() as f64,
         findings: found.findings,
         model,
         freed: !begun.is_empty(),

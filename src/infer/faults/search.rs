@@ -41,8 +41,9 @@ pub(crate) struct Weighed {
 
 /// What a search ends with.
 pub(crate) struct Found {
-    /// The likeliest point without faults.
+    /// The likeliest point without faults, and its log evidence and log prior.
     pub(crate) null: Point,
+    null_log: f64,
     pub(crate) accepted: Vec<Accepted>,
     pub(crate) point: Point,
     pub(crate) judged: Judged,
@@ -50,6 +51,18 @@ pub(crate) struct Found {
     pub(crate) first: Vec<Weighed>,
     /// Points that were judged.
     pub(crate) fits: usize,
+}
+
+impl Found {
+    /// Evidence of all accepted faults together beside records as they are, by the same measure as that of effects.
+    pub(crate) fn evidence(&self) -> f64 {
+        self.judged.log - self.null_log + self.prior()
+    }
+
+    /// Log prior of their kinds and places.
+    pub(crate) fn prior(&self) -> f64 {
+        self.accepted.iter().map(|a| a.prior).sum()
+    }
 }
 
 /// A fault, with those that were nearly as likely.
@@ -79,7 +92,7 @@ impl Search<'_> {
     /// Looks for faults as long as there is a likely one, from a fit on.
     pub(crate) fn run(&self, (mut point, mut judged): (Point, Judged)) -> Found {
         let (mut accepted, mut first, mut fits): (Vec<Accepted>, Vec<Weighed>, usize) = (Vec::new(), Vec::new(), 1);
-        let mut null = point.clone();
+        let (mut null, mut null_log) = (point.clone(), judged.log);
         while accepted.len() < self.most && self.ground.work.goes_on() {
             let (all, tried) = self.round(&point, &judged);
             fits += tried;
@@ -94,14 +107,14 @@ impl Search<'_> {
                 && let Some(better) = self.better_null(&best, judged.log)
             {
                 (point, judged) = better;
-                null = point.clone();
+                (null, null_log) = (point.clone(), judged.log);
                 continue;
             }
             (point, judged) = (best.point, best.judged);
             accepted.push(Accepted { prior: best.prior, log_odds: best.log, near: all, without: None });
             fits += self.needed_still(&mut accepted, &mut point, &mut judged);
         }
-        Found { null, accepted, point, judged, first, fits }
+        Found { null, null_log, accepted, point, judged, first, fits }
     }
 
     /// The fit without faults that begins where the first fault led, where it is likelier than the one known: a fit that had stopped on its way is no

@@ -68,10 +68,16 @@ pub fn diagnose(
         Domain::Time if work.goes_on() => mended(&first, &all, work),
         _ => (None, f64::NEG_INFINITY),
     };
-    let mut found = asked.judged(first, runs)?;
-    let beside = mended.filter(|_| work.goes_on()).and_then(|mended| {
+    let (mut found, null) = asked.judged(first, runs)?;
+    let beside = mended.filter(|_| work.goes_on()).and_then(|mut mended| {
+        let same = |(a, b): (&Run, &Run)| a.measured.iter().zip(&b.measured).all(|(a, b)| a.to_bits() == b.to_bits());
+        let measured_alike = runs.all.iter().zip(&mended.runs).all(same);
         let runs = Runs { all: &mended.runs, ..runs };
-        let own = asked.judged(asked.fitted(&mended.model, runs).ok()?, runs).ok()?;
+        let (own, mended_null) = asked.judged(asked.fitted(&mended.model, runs).ok()?, runs).ok()?;
+        // of the same samples both are asked alike, growing noise included
+        if measured_alike && mended_null.every == null.every {
+            mended.evidence = mended.prior + mended_null.log - null.log;
+        }
         Some((mended, own))
     });
     let own = beside.as_ref().map_or(f64::NEG_INFINITY, |(mended, own)| mended.evidence + best(own));
@@ -125,6 +131,13 @@ fn with_mended(plain: Diagnosis, mended: Mended, mut own: Diagnosis) -> Diagnosi
     own
 }
 
+/// A model as it was given, judged.
+struct Null {
+    /// Its log evidence on every so manyth sample.
+    log: f64,
+    every: usize,
+}
+
 /// What is asked of every model.
 struct Asked<'a> {
     catalogue: &'a Catalogue,
@@ -138,8 +151,8 @@ impl Asked<'_> {
         first.ok_or_else(|| DiagnosisError::NoFit("it has no end".into()))
     }
 
-    /// What a fitted model lacks.
-    fn judged(&self, first: FittedModel, runs: Runs<'_>) -> Result<Diagnosis, DiagnosisError> {
+    /// What a fitted model lacks, and its own evidence.
+    fn judged(&self, first: FittedModel, runs: Runs<'_>) -> Result<(Diagnosis, Null), DiagnosisError> {
         let Self { catalogue, options, work } = *self;
         let mut notes = Vec::new();
         let mut every = decimation(&first, runs, true);
@@ -175,9 +188,9 @@ impl Asked<'_> {
             work,
         };
         let judge = Judge { first: &first, runs, options, work };
-        let mut found = judge.diagnosis(&ground, &candidates)?;
+        let (mut found, log) = judge.diagnosis(&ground, &candidates)?;
         found.notes.splice(0..0, notes);
-        Ok(found)
+        Ok((found, Null { log, every }))
     }
 }
 
@@ -227,7 +240,8 @@ impl Judge<'_> {
         written_model(&fitted, &state.theta, &self.first.response, (self.runs, self.options, self.work)).ok()
     }
 
-    fn diagnosis(&self, ground: &Ground<'_>, candidates: &[Candidate]) -> Result<Diagnosis, DiagnosisError> {
+    /// With the log evidence of the model as it was given.
+    fn diagnosis(&self, ground: &Ground<'_>, candidates: &[Candidate]) -> Result<(Diagnosis, f64), DiagnosisError> {
         let Self { first, runs, options, work } = *self;
         let base = State::base(first, ground.runs).ok_or_else(|| DiagnosisError::NoFit("it has no response".into()))?;
         work.stage(&format!("searching among {} candidates", candidates.len()));
@@ -276,7 +290,8 @@ impl Judge<'_> {
         let written = written.or(curve.map(|c| c.written));
         let lack_of_fit = self.lack_of_fit();
         let after = written.as_ref().map_or(&first.response, |w| &w.fitted.response);
-        Ok(Diagnosis {
+        let null = found.null.1.log;
+        let diagnosis = Diagnosis {
             verdict,
             mended: None,
             causes,
@@ -295,7 +310,8 @@ impl Judge<'_> {
             lack_of_fit,
             notes: Vec::new(),
             spectral: first.spectral(),
-        })
+        };
+        Ok((diagnosis, null))
     }
 
     /// What is wrong with the model as it was given.
