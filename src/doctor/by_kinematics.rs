@@ -128,7 +128,7 @@ fn gain(own: &[Balance], others: &[Balance]) -> f64 {
     let of = |(own, other): (&Balance, &Balance)| {
         let (a, b) = (own.unexplained, other.unexplained);
         if a.is_nan() || b.is_nan() {
-            return 0.0;
+            return other.cost - own.cost;
         }
         let worth = if a < b { own.independent } else { other.independent };
         0.5 * worth * (b.max(f64::MIN_POSITIVE) / a.max(f64::MIN_POSITIVE)).ln() + other.cost - own.cost
