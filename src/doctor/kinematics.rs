@@ -318,6 +318,13 @@ impl Kinematics {
         own.interpret(records, channels)
     }
 
+    /// Without the equations that hold only about: they tell frames, and neither sizes nor what a model tells better.
+    #[must_use]
+    pub fn exact(mut self) -> Self {
+        self.equations.retain(|e| !matches!(e, Equation::Form(k) if FORMS[*k].constant == Constant::Carried));
+        self
+    }
+
     /// Whether there is anything to compare.
     pub fn is_empty(&self) -> bool {
         self.equations.is_empty()
