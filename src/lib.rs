@@ -1177,3 +1177,8 @@ pub use fdm_report::page::page;
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 pub struct Readme;
+
+/// The first page of the guide, whose Rust code is run by the tests.
+#[cfg(doctest)]
+#[doc = include_str!("../docs/guide/first-record.md")]
+pub struct FirstRecord;

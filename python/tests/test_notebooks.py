@@ -28,7 +28,7 @@ def test_notebooks_run(notebook: Path, tmp_path: Path):
     assert ended.returncode == 0, ended.stderr[-3000:]
 
 
-@pytest.mark.parametrize("page", ["docs/guide/python.md", "README.md"])
+@pytest.mark.parametrize("page", ["docs/guide/first-record.md", "docs/guide/python.md", "README.md"])
 def test_the_code_of_the_pages_runs(page: str, tmp_path: Path):
     """Blocks of Python on a page are one program, from the root of the repository."""
     blocks, inside = [], False

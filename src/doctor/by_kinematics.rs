@@ -128,7 +128,7 @@ fn gain(own: &[Balance], others: &[Balance]) -> f64 {
     let of = |(own, other): (&Balance, &Balance)| {
         let (a, b) = (own.unexplained, other.unexplained);
         if a.is_nan() || b.is_nan() {
-            return 0.0;
+            return other.cost - own.cost;
         }
         let worth = if a < b { own.independent } else { other.independent };
         0.5 * worth * (b.max(f64::MIN_POSITIVE) / a.max(f64::MIN_POSITIVE)).ln() + other.cost - own.cost
@@ -176,7 +176,11 @@ fn round(witness: &Witness<'_>, accepted: &[Edit]) -> Vec<Weighed> {
     };
     let mut all: Vec<Weighed> = parallel::map(tried, weigh);
     let kinds = [Fault::Delay, Fault::Drift, Fault::Filtered, Fault::Offset, Fault::Scale];
-    let pairs: Vec<Estimated> = slots.iter().flat_map(|slot| kinds.map(|fault| Estimated::new(fault, *slot))).collect();
+    let exact = witness.kinematics.clone().exact();
+    let witness = &Witness { kinematics: &exact, ..*witness };
+    let before = witness.balances(accepted);
+    let sized = slots.iter().filter(|s| witness.reads(**s));
+    let pairs: Vec<Estimated> = sized.flat_map(|slot| kinds.map(|fault| Estimated::new(fault, *slot))).collect();
     // an estimated number costs half the logarithm of the independent windows (Schwarz 1978)
     let worth = before.iter().map(|b| b.independent).sum::<f64>().max(1.0);
     let estimate = |fault: Estimated| {

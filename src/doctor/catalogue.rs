@@ -1,8 +1,10 @@
 //! What may be wrong with the channels of a record, each as the edits that would mend it, with its share of the prior probability.
 
-use crate::edit::{Channels, Edit, Slot, plain};
+use crate::edit::{Channels, Edit, Slot};
 use crate::finding::{Fault, Finding, Severity};
 use crate::record::Record;
+use crate::repair::Repair;
+use fdm_system::record::frame::{Frame, plain};
 use std::f64::consts::PI;
 
 /// A fault, and the edits that mend it.
@@ -18,6 +20,8 @@ pub struct Hypothesis {
     pub what: String,
     /// Its share of the prior probability of a fault, beside others of its kind.
     pub weight: f64,
+    /// The frame that the edits turn all vectors from.
+    pub frame: Option<Frame>,
 }
 
 /// Factors that turn numbers of another unit into the model's, by what the unit measures, and the unit's name.
@@ -63,7 +67,7 @@ fn factors(unit: Option<&str>) -> Vec<(f64, f64, &'static str)> {
 pub fn discrete(channels: &Channels, slots: &[Slot], timed: bool) -> Vec<Hypothesis> {
     let mut all = Vec::new();
     let mut add = |fault, slots: Vec<Slot>, edits: Vec<Edit>, what: String, weight| {
-        all.push(Hypothesis { fault, slots, edits, what, weight });
+        all.push(Hypothesis { fault, slots, edits, what, weight, frame: None });
     };
     for slot in slots.iter().copied() {
         let unit = channels.unit(slot);
@@ -89,6 +93,17 @@ pub fn discrete(channels: &Channels, slots: &[Slot], timed: bool) -> Vec<Hypothe
         }
     }
     axes(channels, slots, &mut add);
+    let mut frames: Vec<Hypothesis> = Vec::new();
+    for hypothesis in Frame::TURNED.into_iter().filter_map(|frame| turned(frame, channels, slots)) {
+        // where what tells two frames apart is not there
+        if !frames.iter().any(|h| h.edits == hypothesis.edits) {
+            frames.push(hypothesis);
+        }
+    }
+    all.extend(frames);
+    let mut add = |fault, slots: Vec<Slot>, edits: Vec<Edit>, what: String, weight| {
+        all.push(Hypothesis { fault, slots, edits, what, weight, frame: None });
+    };
     if timed {
         let units = [
             (1e-3, "milliseconds"),
@@ -138,16 +153,38 @@ fn axes(channels: &Channels, slots: &[Slot], add: &mut impl FnMut(Fault, Vec<Slo
                 edits.extend((0..3).filter(|k| minus[*k]).map(|k| Edit::Affine(triad[k], -1.0, 0.0)));
             }
             let word = |k: usize| format!("{}{}", if minus[k] { "-" } else { "" }, ["x", "y", "z"][order[k]]);
-            let frame = match (order, signs) {
-                ([0, 1, 2], 0b110) => " (forward-left-up for forward-right-down)",
-                ([1, 0, 2], 0b100) => " (east-north-up for north-east-down)",
-                _ => "",
-            };
-            let what = format!("the axes x, y, z are {}, {}, {}{frame}", word(0), word(1), word(2));
-            let weight = if frame.is_empty() { 0.02 } else { 0.5 };
-            add(Fault::Axes, triads.concat(), edits, what, weight);
+            let what = format!("the axes x, y, z are {}, {}, {}", word(0), word(1), word(2));
+            add(Fault::Axes, triads.concat(), edits, what, 0.02);
         }
     }
+}
+
+/// All vectors in another frame, where one is there whole.
+fn turned(frame: Frame, channels: &Channels, slots: &[Slot]) -> Option<Hypothesis> {
+    let (turned, lacking) = frame.turned(&channels.names());
+    let all: Vec<Slot> = channels.slots().collect();
+    let touched: Vec<Slot> = turned.iter().map(|t| all[t.channel]).collect();
+    let read = touched.iter().any(|s| slots.contains(s));
+    if touched.len() < 2 || !read || !lacking.is_empty() || !Frame::has_vector(&channels.names()) {
+        return None;
+    }
+    let mut edits = Vec::new();
+    for part in &turned {
+        // no equation reads quaternions
+        let [(from, factor)] = part.of[..] else { continue };
+        // two channels that are made of each other are exchanged once
+        if from > part.channel {
+            edits.push(Edit::Swap(all[part.channel], all[from]));
+        }
+        let slot = all[part.channel];
+        edits.push(Edit::Affine(slot, factor, part.turns * channels.whole_turn(slot)));
+    }
+    edits.sort_by_key(|e| !matches!(e, Edit::Swap(..)));
+    edits.retain(|e| !matches!(e, Edit::Affine(_, factor, offset) if *factor == 1.0 && *offset == 0.0));
+    // robots, simulators and motion capture log their vectors so (ROS, REP 103): as usual as a wrong sign, for each of the channels
+    let weight = if frame == Frame::TURNED[0] { 3.0 } else { 1.0 };
+    let what = format!("vectors are in {}", frame.words());
+    Some(Hypothesis { fault: Fault::Axes, slots: touched, edits, what, weight, frame: Some(frame) })
 }
 
 /// A fault with one number that is estimated.
@@ -199,7 +236,7 @@ impl Estimated {
         let (value, error) = if fault == Fault::Scale { (size.exp(), size.exp() * error) } else { (size, error) };
         let (value, what) = sized(fault, (value, error), &unit, (span, at));
         let size = if fault == Fault::Scale { value.ln() } else { value };
-        Hypothesis { fault, slots: vec![slot], edits: vec![self.edit(size)], what, weight }
+        Hypothesis { fault, slots: vec![slot], edits: vec![self.edit(size)], what, weight, frame: None }
     }
 }
 
@@ -249,7 +286,7 @@ impl Hypothesis {
             what: self.what.clone(),
             log_odds,
             biases: Vec::new(),
-            repair: Some(channels.repair(&self.edits)),
+            repair: Some(self.frame.map_or_else(|| channels.repair(&self.edits), Repair::frame)),
             samples: Vec::new(),
         }
     }

@@ -3,6 +3,7 @@
 use crate::record::{Record, Role};
 use crate::repair::{Change, Repair};
 use fdm_grammar::Model;
+use fdm_system::record::frame::whole_turn;
 use fdm_system::record::{Incomplete, Run};
 use std::borrow::Cow;
 
@@ -44,6 +45,8 @@ pub struct Channels {
     names: Vec<String>,
     units: Vec<Option<String>>,
     stated: Vec<bool>,
+    /// A whole turn of each, were it an angle.
+    turns: Vec<f64>,
     /// How many drive the model.
     pub inputs: usize,
     /// How many are compared with it.
@@ -60,6 +63,7 @@ impl Channels {
             names: first.iter().map(|c| c.name.clone()).collect(),
             units: first.iter().map(|c| c.unit.clone().filter(|u| u != "1")).collect(),
             stated: (0..first.len()).map(stated).collect(),
+            turns: first.iter().map(|c| whole_turn(c.unit.as_deref(), &c.values)).collect(),
             inputs: count(Role::Input),
             outputs: count(Role::Output),
         }
@@ -92,6 +96,16 @@ impl Channels {
     /// Its unit, where it has one.
     pub fn unit(&self, slot: Slot) -> Option<&str> {
         self.units[self.place(slot)].as_deref()
+    }
+
+    /// All names, in the order of their places.
+    pub(crate) fn names(&self) -> Vec<&str> {
+        self.names.iter().map(String::as_str).collect()
+    }
+
+    /// A whole turn in its unit, were it an angle.
+    pub(crate) fn whole_turn(&self, slot: Slot) -> f64 {
+        self.turns[self.place(slot)]
     }
 
     /// Whether all files state its unit.
@@ -174,16 +188,6 @@ impl Channels {
             None => Repair::map(changes),
         }
     }
-}
-
-/// A name as the field writes it: small letters, without what says that it was measured or in which unit.
-pub(crate) fn plain(name: &str) -> String {
-    let mut name = name.to_ascii_lowercase();
-    const ENDINGS: [&str; 10] = ["_measured", "_meas", "_m", "_deg", "_rad", "_degs", "_rads", "_dps", "_mps", "_ft"];
-    while let Some(short) = ENDINGS.iter().find_map(|e| name.strip_suffix(e)).filter(|s| !s.is_empty()) {
-        name = short.to_string();
-    }
-    name
 }
 
 /// A record as edits make it. Only what changes is copied.

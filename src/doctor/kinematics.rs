@@ -4,11 +4,12 @@
 //! An equation `y' = f` is compared in its weak form: with windows that vanish at both ends, `-integral of w' y = integral of w f` (Shinbrot
 //! 1957; Preisig and Rippin 1993). Nothing is differentiated, nothing drifts, and windows that overlap by half are nearly independent.
 
-use crate::edit::{Channels, Edit, edited_record, lagged, plain, time_factor};
+use crate::edit::{Channels, Edit, edited_record, lagged, time_factor};
 use crate::finding::{Fault, Finding};
 use crate::independent::{independent_samples, variance};
 use crate::record::{Channel, Record};
 use crate::repair::Repair;
+use fdm_system::record::frame::{ACCELERATIONS, ANGLES, BODY_VELOCITY, POSITION, RATES, VELOCITY, plain};
 use std::f64::consts::{PI, TAU};
 
 /// What a channel measures, in radians, metres and seconds.
@@ -33,33 +34,46 @@ enum Quantity {
     Climb,
     X,
     Y,
+    Z,
+    Vn,
+    Ve,
+    Vd,
+    // made of others, never measured
+    Ahead,
+    Right,
+    Sinking,
+    Rest,
 }
 
-const QUANTITIES: usize = 19;
+const QUANTITIES: usize = 27;
 
 use Quantity as K;
 
-/// Names of each quantity, and what its unit measures: an angle, a rate, an acceleration, a speed or a length.
-const NAMES: [(K, Unit, &[&str]); QUANTITIES] = [
-    (K::Phi, Unit::Angle, &["phi", "roll", "bank", "roll_angle", "bank_angle"]),
-    (K::Theta, Unit::Angle, &["theta", "pitch", "pitch_angle"]),
-    (K::Psi, Unit::Angle, &["psi", "yaw", "heading", "yaw_angle", "compass"]),
-    (K::P, Unit::Rate, &["p", "phi_dot", "phidot", "roll_rate", "rollrate", "dphi", "gyro_x", "gyrx", "wx"]),
-    (K::Q, Unit::Rate, &["q", "theta_dot", "thetadot", "pitch_rate", "pitchrate", "dtheta", "gyro_y", "gyry", "wy"]),
-    (K::R, Unit::Rate, &["r", "psi_dot", "psidot", "yaw_rate", "yawrate", "dpsi", "gyro_z", "gyrz", "wz", "gyro"]),
-    (K::Ax, Unit::Acceleration, &["ax", "acc_x", "accx", "nx", "accel_x"]),
-    (K::Ay, Unit::Acceleration, &["ay", "acc_y", "accy", "ny", "accel_y"]),
-    (K::Az, Unit::Acceleration, &["az", "acc_z", "accz", "accel_z"]),
-    (K::U, Unit::Speed, &["u"]),
-    (K::V, Unit::Speed, &["v"]),
-    (K::W, Unit::Speed, &["w"]),
+/// Names of what is measured, and what its unit measures: an angle, a rate, an acceleration, a speed or a length.
+const NAMES: [(K, Unit, &[&str]); 23] = [
+    (K::Phi, Unit::Angle, ANGLES[0]),
+    (K::Theta, Unit::Angle, ANGLES[1]),
+    (K::Psi, Unit::Angle, ANGLES[2]),
+    (K::P, Unit::Rate, RATES[0]),
+    (K::Q, Unit::Rate, RATES[1]),
+    (K::R, Unit::Rate, RATES[2]),
+    (K::Ax, Unit::Acceleration, ACCELERATIONS[0]),
+    (K::Ay, Unit::Acceleration, ACCELERATIONS[1]),
+    (K::Az, Unit::Acceleration, ACCELERATIONS[2]),
+    (K::U, Unit::Speed, BODY_VELOCITY[0]),
+    (K::V, Unit::Speed, BODY_VELOCITY[1]),
+    (K::W, Unit::Speed, BODY_VELOCITY[2]),
     (K::Speed, Unit::Speed, &["v", "tas", "vtas", "v_tas", "airspeed", "speed"]),
     (K::Alpha, Unit::Angle, &["alpha", "aoa", "incidence"]),
     (K::Beta, Unit::Angle, &["beta", "aos", "sideslip"]),
     (K::Height, Unit::Length, &["h", "alt", "altitude", "height"]),
     (K::Climb, Unit::Speed, &["hdot", "h_dot", "climb", "climb_rate", "vs", "roc"]),
-    (K::X, Unit::Length, &["x", "north", "pos_n", "x_e"]),
-    (K::Y, Unit::Length, &["y", "east", "pos_e", "y_e"]),
+    (K::X, Unit::Length, POSITION[0]),
+    (K::Y, Unit::Length, POSITION[1]),
+    (K::Z, Unit::Length, POSITION[2]),
+    (K::Vn, Unit::Speed, VELOCITY[0]),
+    (K::Ve, Unit::Speed, VELOCITY[1]),
+    (K::Vd, Unit::Speed, VELOCITY[2]),
 ];
 
 /// What a unit measures.
@@ -96,8 +110,20 @@ struct Form {
     left: K,
     needs: &'static [K],
     right: fn(&Instant) -> f64,
-    /// Accelerometers have zeros, and a trim may have been subtracted: a constant is free.
-    constant: bool,
+    constant: Constant,
+}
+
+/// What is added to the right side of a form.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Constant {
+    /// Nothing.
+    None,
+    /// Any constant: a current, the wind.
+    Free,
+    /// The zero of an accelerometer, to a tenth of gravity; where a trim was subtracted, gravity itself. So gravity tells which way is up.
+    Zero,
+    /// Any constant, in a form `y = f` that holds for vehicles only that thrust or lift along their z axis carries.
+    Carried,
 }
 
 /// The quantities at one instant; 0 where nothing was measured.
@@ -112,25 +138,46 @@ impl Instant {
     fn turning(&self) -> f64 {
         self.of(K::Q) * self.of(K::Phi).sin() + self.of(K::R) * self.of(K::Phi).cos()
     }
+
+    /// A vector of the vehicle in axes ahead, to the right and down.
+    fn levelled(&self, [x, y, z]: [K; 3]) -> [f64; 3] {
+        let ((s, c), (st, ct)) = (self.of(K::Phi).sin_cos(), self.of(K::Theta).sin_cos());
+        let (x, y, z) = (self.of(x), self.of(y), self.of(z));
+        let below = s * y + c * z;
+        [ct * x + st * below, c * y - s * z, ct * below - st * x]
+    }
+
+    /// A vector of the vehicle over the earth.
+    fn over_earth(&self, vector: [K; 3]) -> [f64; 3] {
+        let ([ahead, right, down], (s, c)) = (self.levelled(vector), self.of(K::Psi).sin_cos());
+        [c * ahead - s * right, s * ahead + c * right, down]
+    }
 }
+
+const FORCE: [K; 3] = [K::Ax, K::Ay, K::Az];
 
 const GRAVITY: f64 = 9.806_65;
 
 /// Rigid-body kinematics over a flat earth (Stevens, Lewis and Johnson 2016, table 2.5-1).
-const FORMS: [Form; 9] = [
-    Form { left: K::Phi, needs: &[K::P], right: |t| t.of(K::P) + t.of(K::Theta).tan() * t.turning(), constant: false },
+const FORMS: [Form; 15] = [
+    Form {
+        left: K::Phi,
+        needs: &[K::P],
+        right: |t| t.of(K::P) + t.of(K::Theta).tan() * t.turning(),
+        constant: Constant::None,
+    },
     Form {
         left: K::Theta,
         needs: &[K::Q],
         right: |t| t.of(K::Q) * t.of(K::Phi).cos() - t.of(K::R) * t.of(K::Phi).sin(),
-        constant: false,
+        constant: Constant::None,
     },
-    Form { left: K::Psi, needs: &[K::R], right: |t| t.turning() / t.of(K::Theta).cos(), constant: false },
+    Form { left: K::Psi, needs: &[K::R], right: |t| t.turning() / t.of(K::Theta).cos(), constant: Constant::None },
     Form {
         left: K::U,
         needs: &[K::Ax, K::Theta],
         right: |t| t.of(K::Ax) - GRAVITY * t.of(K::Theta).sin() + t.of(K::R) * t.of(K::V) - t.of(K::Q) * t.of(K::W),
-        constant: true,
+        constant: Constant::Zero,
     },
     Form {
         left: K::V,
@@ -139,7 +186,7 @@ const FORMS: [Form; 9] = [
             t.of(K::Ay) + GRAVITY * t.of(K::Phi).sin() * t.of(K::Theta).cos() - t.of(K::R) * t.of(K::U)
                 + t.of(K::P) * t.of(K::W)
         },
-        constant: true,
+        constant: Constant::Zero,
     },
     Form {
         left: K::W,
@@ -148,20 +195,58 @@ const FORMS: [Form; 9] = [
             t.of(K::Az) + GRAVITY * t.of(K::Phi).cos() * t.of(K::Theta).cos() + t.of(K::Q) * t.of(K::U)
                 - t.of(K::P) * t.of(K::V)
         },
-        constant: true,
+        constant: Constant::Zero,
     },
-    Form { left: K::Height, needs: &[K::Climb], right: |t| t.of(K::Climb), constant: false },
+    Form { left: K::Height, needs: &[K::Climb], right: |t| t.of(K::Climb), constant: Constant::None },
     Form {
         left: K::X,
         needs: &[K::U, K::Psi],
         right: |t| t.of(K::U) * t.of(K::Psi).cos() - t.of(K::V) * t.of(K::Psi).sin(),
-        constant: true,
+        constant: Constant::Free,
     },
     Form {
         left: K::Y,
         needs: &[K::U, K::Psi],
         right: |t| t.of(K::U) * t.of(K::Psi).sin() + t.of(K::V) * t.of(K::Psi).cos(),
-        constant: true,
+        constant: Constant::Free,
+    },
+    Form {
+        left: K::Vn,
+        needs: &[K::Ax, K::Ay, K::Az, K::Phi, K::Theta, K::Psi],
+        right: |t| t.over_earth(FORCE)[0],
+        constant: Constant::Zero,
+    },
+    Form {
+        left: K::Ve,
+        needs: &[K::Ax, K::Ay, K::Az, K::Phi, K::Theta, K::Psi],
+        right: |t| t.over_earth(FORCE)[1],
+        constant: Constant::Zero,
+    },
+    Form {
+        left: K::Vd,
+        needs: &[K::Az, K::Phi, K::Theta],
+        right: |t| t.levelled(FORCE)[2] + GRAVITY,
+        constant: Constant::Zero,
+    },
+    // nobody climbs or falls for long
+    Form {
+        left: K::Rest,
+        needs: &[K::Az, K::Phi, K::Theta],
+        right: |t| t.levelled(FORCE)[2] + GRAVITY,
+        constant: Constant::Zero,
+    },
+    // accelerations in the axes of the heading: what thrust or lift along z makes of the tilt
+    Form {
+        left: K::Ahead,
+        needs: &[K::Theta, K::Psi],
+        right: |t| -(GRAVITY - t.of(K::Sinking)) * t.of(K::Theta).tan(),
+        constant: Constant::Carried,
+    },
+    Form {
+        left: K::Right,
+        needs: &[K::Phi, K::Psi],
+        right: |t| (GRAVITY - t.of(K::Sinking)) * t.of(K::Phi).tan() / t.of(K::Theta).cos(),
+        constant: Constant::Carried,
     },
 ];
 
@@ -224,12 +309,20 @@ impl Kinematics {
         let fits = |f: &Form| has(f.left) && f.needs.iter().all(|q| has(*q));
         let forms = (0..FORMS.len()).filter(|k| fits(&FORMS[*k])).map(Equation::Form).collect();
         own.equations = forms;
+        own.add_velocities();
         own.add_derivatives(&first.channels);
         if own.equations.is_empty() {
             return own;
         }
         own.window = own.best_window(records, channels);
         own.interpret(records, channels)
+    }
+
+    /// Without the equations that hold only about: they tell frames, and neither sizes nor what a model tells better.
+    #[must_use]
+    pub fn exact(mut self) -> Self {
+        self.equations.retain(|e| !matches!(e, Equation::Form(k) if FORMS[*k].constant == Constant::Carried));
+        self
     }
 
     /// Whether there is anything to compare.
@@ -242,7 +335,9 @@ impl Kinematics {
         let needed = |form: &Form| {
             let read = |q: K| self.places[q as usize].is_some_and(|(k, _)| k == place);
             let aerodynamic = [K::Speed, K::Alpha, K::Beta].iter().any(|q| read(*q));
-            read(form.left) || form.needs.iter().any(|q| read(*q)) || aerodynamic && form.constant
+            let over_earth = [K::X, K::Y, K::Z, K::Vn, K::Ve, K::Vd].iter().any(|q| read(*q));
+            let constant = form.constant != Constant::None;
+            read(form.left) || form.needs.iter().any(|q| read(*q)) || (aerodynamic || over_earth) && constant
         };
         self.equations.iter().any(|e| match *e {
             Equation::Form(k) => needed(&FORMS[k]),
@@ -250,14 +345,36 @@ impl Kinematics {
         })
     }
 
-    /// Velocities along body axes from speed and flow angles, where they were not measured themselves.
+    /// What is made of other channels, where it was not measured itself: velocities along body axes from speed and flow angles, those over the
+    /// earth from positions or from velocities along body axes.
     fn derived(&self, quantity: K) -> bool {
         let has = |q: K| self.places[q as usize].is_some();
+        let all = |list: &[K]| list.iter().all(|q| has(*q));
+        let forces = FORCE.iter().any(|q| has(*q));
+        // velocities along body axes have equations of their own beside accelerometers
+        let flown = || !forces && all(&[K::U, K::V, K::W, K::Phi, K::Theta, K::Psi]);
         match quantity {
             K::U => has(K::Speed),
             K::V => has(K::Speed) && has(K::Beta),
             K::W => has(K::Speed) && has(K::Alpha),
+            K::Vn => has(K::X) || flown(),
+            K::Ve => has(K::Y) || flown(),
+            K::Vd => has(K::Z) || has(K::Climb) || has(K::Height) || flown(),
+            K::Ahead | K::Right => {
+                let moves = |q: K| has(q) || self.derived(q);
+                !forces && moves(K::Vn) && moves(K::Ve)
+            }
+            K::Rest => !has(K::Vd) && !self.derived(K::Vd),
             _ => false,
+        }
+    }
+
+    /// Positions beside velocities over the earth that were measured too.
+    fn add_velocities(&mut self) {
+        for pair in [[K::X, K::Vn], [K::Y, K::Ve], [K::Z, K::Vd]] {
+            if let [Some((y, _)), Some((x, _))] = pair.map(|q| self.places[q as usize]) {
+                self.equations.push(Equation::Derivative(y, x));
+            }
         }
     }
 
@@ -392,7 +509,7 @@ impl Kinematics {
                 return None;
             }
             let (y, x) = match *equation {
-                Equation::Form(k) if !FORMS[k].constant => {
+                Equation::Form(k) if FORMS[k].constant == Constant::None => {
                     (self.left_place(*equation)?, self.places[FORMS[k].needs[0] as usize]?.0)
                 }
                 Equation::Form(_) => return None,
@@ -443,8 +560,10 @@ impl Kinematics {
             let filtered = edits.iter().find_map(|e| if let Edit::Filter(slot, _) = e { Some(*slot) } else { None });
             let others: Vec<Edit> = edits.iter().filter(|e| !matches!(e, Edit::Filter(..))).copied().collect();
             let unfiltered = filtered.map(|slot| (channels.place(slot), edited_record(record, channels, &others, &[])));
-            let both =
-                [Some(self.quantities(&edited.columns)), unfiltered.as_ref().map(|(_, r)| self.quantities(&r.columns))];
+            let both = [
+                Some(self.quantities(&edited.time, &edited.columns)),
+                unfiltered.as_ref().map(|(_, r)| self.quantities(&r.time, &r.columns)),
+            ];
             for (sides, equation) in all.iter_mut().zip(&self.equations) {
                 let (edited, columns) = match (&unfiltered, &both) {
                     (Some((place, plain)), [_, Some(columns)]) if !self.has(*equation, *place) => (plain, columns),
@@ -455,10 +574,10 @@ impl Kinematics {
                 let (left, right): (Vec<f64>, Vec<f64>) = match *equation {
                     Equation::Form(k) => {
                         let form = &FORMS[k];
-                        let left = unwrapped(&columns[form.left as usize]);
-                        let instant =
-                            |s: usize| Instant(std::array::from_fn(|q| columns[q].get(s).copied().unwrap_or(0.0)));
-                        (left, (0..n).map(|s| (form.right)(&instant(s))).collect())
+                        let left = &columns[form.left as usize];
+                        let angle = matches!(form.left, K::Phi | K::Theta | K::Psi);
+                        let left = if angle { unwrapped(left) } else { left.clone() };
+                        (left, instants(columns, n).map(|t| (form.right)(&t)).collect())
                     }
                     Equation::Derivative(y, x) => {
                         let factor = ratio(&records[0].channels[y], &records[0].channels[x]);
@@ -472,7 +591,7 @@ impl Kinematics {
     }
 
     /// Each quantity as a column in radians, metres and seconds; empty where it is not measured.
-    fn quantities(&self, columns: &[std::borrow::Cow<'_, [f64]>]) -> Vec<Vec<f64>> {
+    fn quantities(&self, time: &[f64], columns: &[std::borrow::Cow<'_, [f64]>]) -> Vec<Vec<f64>> {
         let column = |place: &Option<(usize, f64)>| match place {
             Some((k, factor)) => columns[*k].iter().map(|v| factor * v).collect(),
             None => Vec::new(),
@@ -490,6 +609,35 @@ impl Kinematics {
             });
             let values: Vec<f64> = values.collect();
             all[q as usize] = values;
+        }
+        let rate = |values: &[f64]| differences(time, values);
+        let made = |q: K| self.places[q as usize].is_none() && self.derived(q);
+        for (part, (q, position)) in [(K::Vn, K::X), (K::Ve, K::Y), (K::Vd, K::Z)].into_iter().enumerate() {
+            if !made(q) {
+                continue;
+            }
+            let upwards = |values: Vec<f64>| values.iter().map(|v| -v).collect();
+            let measured = |q: K| self.places[q as usize].is_some();
+            all[q as usize] = match q {
+                _ if measured(position) => rate(&all[position as usize]),
+                K::Vd if measured(K::Climb) => upwards(all[K::Climb as usize].clone()),
+                K::Vd if measured(K::Height) => upwards(rate(&all[K::Height as usize])),
+                _ => instants(&all, time.len()).map(|t| t.over_earth([K::U, K::V, K::W])[part]).collect(),
+            };
+        }
+        if made(K::Ahead) {
+            let [north, east, down] = [K::Vn, K::Ve, K::Vd].map(|q| rate(&all[q as usize]));
+            let turned = |((psi, n), e): ((&f64, &f64), &f64)| {
+                let (s, c) = psi.sin_cos();
+                (c * n + s * e, c * e - s * n)
+            };
+            let (ahead, right) = all[K::Psi as usize].iter().zip(&north).zip(&east).map(turned).unzip();
+            for (q, values) in [(K::Ahead, ahead), (K::Right, right), (K::Sinking, down)] {
+                all[q as usize] = values;
+            }
+        }
+        if self.derived(K::Rest) {
+            all[K::Rest as usize] = vec![0.0; time.len()];
         }
         all
     }
@@ -514,6 +662,22 @@ fn ratio(channel: &Channel, rate: &Channel) -> f64 {
     kinds.iter().find_map(|(a, b)| Some(b.factor(derived)? / a.factor(unit)?)).unwrap_or(1.0)
 }
 
+/// Quantities at each of n instants.
+fn instants(columns: &[Vec<f64>], n: usize) -> impl Iterator<Item = Instant> + '_ {
+    let at = |s: usize| Instant(std::array::from_fn(|q| columns[q].get(s).copied().unwrap_or(0.0)));
+    (0..n).map(at)
+}
+
+/// Differences between the neighbours of each sample (N), over the time between them; nothing of nothing.
+fn differences(time: &[f64], values: &[f64]) -> Vec<f64> {
+    let n = values.len();
+    let of = |k: usize| {
+        let (a, b) = (k.saturating_sub(1), (k + 1).min(n - 1));
+        (values[b] - values[a]) / (time[b] - time[a])
+    };
+    (0..n).map(of).collect()
+}
+
 /// Without jumps by a whole turn.
 fn unwrapped(values: &[f64]) -> Vec<f64> {
     let mut turns = 0.0;
@@ -532,14 +696,14 @@ fn unwrapped(values: &[f64]) -> Vec<f64> {
 
 /// Both sides of an equation in each window.
 struct Sides {
-    constant: bool,
+    constant: Constant,
     left: Vec<f64>,
     right: Vec<f64>,
 }
 
 impl Sides {
     fn new(equation: Equation) -> Self {
-        let constant = matches!(equation, Equation::Form(k) if FORMS[k].constant);
+        let constant = if let Equation::Form(k) = equation { FORMS[k].constant } else { Constant::None };
         Self { constant, left: Vec::new(), right: Vec::new() }
     }
 
@@ -557,8 +721,12 @@ impl Sides {
                 // the trapezoidal rule on times as they are; the window vanishes at both ends
                 let weight = 0.5 * (time[(k + 1).min(end)] - time[k.saturating_sub(1).max(begin)]);
                 let s = (time[k] - time[begin]) / span;
-                y -= weight * (PI / span) * (TAU * s).sin() * left[k];
-                x += weight * (PI * s).sin().powi(2) * right[k];
+                let whole = weight * (PI * s).sin().powi(2);
+                y += match self.constant {
+                    Constant::Carried => whole * left[k],
+                    _ => -weight * (PI / span) * (TAU * s).sin() * left[k],
+                };
+                x += whole * right[k];
             }
             if y.is_finite() && x.is_finite() {
                 self.left.push(2.0 * y / span);
@@ -570,7 +738,7 @@ impl Sides {
     /// Sums of squares and products of left and right sides, about the means where a constant is free.
     fn sums(&self) -> (f64, f64, f64, [f64; 2]) {
         let n = self.left.len().max(1) as f64;
-        let mean = |v: &[f64]| if self.constant { v.iter().sum::<f64>() / n } else { 0.0 };
+        let mean = |v: &[f64]| if self.constant == Constant::None { 0.0 } else { v.iter().sum::<f64>() / n };
         let (my, mx) = (mean(&self.left), mean(&self.right));
         let pairs = self.left.iter().zip(&self.right).map(|(y, x)| (y - my, x - mx));
         let sums = pairs.fold((0.0, 0.0, 0.0), |(yy, xy, xx), (y, x)| (yy + y * y, xy + x * y, xx + x * x));
@@ -586,8 +754,11 @@ impl Sides {
         /// Of a deviation, beyond which a gain is another unit.
         const WIDEST: f64 = 4.0;
         const FEWEST: usize = 8;
+        /// Part that is left of an equation that holds.
+        const HOLDS: f64 = 0.5;
         let (yy, xy, xx, means) = self.sums();
-        let nothing = Balance { unexplained: f64::NAN, independent: 0.0, cost: 0.0, gain: 1.0, between: [f64::NAN; 2] };
+        let cost = self.cost_of_constant(means);
+        let nothing = Balance { unexplained: f64::NAN, independent: 0.0, cost, gain: 1.0, between: [f64::NAN; 2] };
         if self.left.len() < FEWEST || yy <= 0.0 || variance(self.left.iter().copied()) <= 0.0 {
             return nothing;
         }
@@ -607,6 +778,27 @@ impl Sides {
         let gain = (-steps..=steps).map(at).min_by(|a, b| value(*a).total_cmp(&value(*b))).unwrap_or(1.0);
         let error = if xx > 0.0 { (left(xy / xx) / xx / independent.max(1.0)).sqrt() } else { f64::INFINITY };
         let between = if xy > 0.0 { [xy / xx - 4.0 * error, yy / xy + 4.0 * error] } else { [f64::NAN; 2] };
-        Balance { unexplained: left(gain) / yy, independent, cost: cost(gain), gain, between }
+        let unexplained = left(gain) / yy;
+        if self.constant == Constant::Carried && unexplained > HOLDS {
+            // a car, a ship: its tilt says nothing
+            return Balance { unexplained: 1.0, ..nothing };
+        }
+        let cost = cost(gain) + self.cost_of_constant([means[0], gain * means[1]]);
+        Balance { unexplained, independent, cost, gain, between }
+    }
+
+    /// What the constant costs between the means of both sides, in nats.
+    fn cost_of_constant(&self, [left, right]: [f64; 2]) -> f64 {
+        /// Deviation of zeros of accelerometers and of the angles at which they are mounted: a tenth of gravity, in m/s^2.
+        const ZERO: f64 = 0.1 * GRAVITY;
+        /// Of records, with a trim subtracted.
+        const TRIMMED: f64 = 0.2;
+        if self.constant != Constant::Zero || self.left.is_empty() {
+            return 0.0;
+        }
+        let of = |distance: f64| -0.5 * (distance / ZERO).powi(2);
+        let (zero, trimmed) =
+            (of(left - right) + (1.0 - TRIMMED).ln(), of((left - right).abs() - GRAVITY) + TRIMMED.ln());
+        -zero.max(trimmed)
     }
 }

@@ -20,6 +20,8 @@ mod repair;
 mod repeats;
 mod runs_of_values;
 mod tail;
+#[cfg(test)]
+mod tests;
 mod time;
 mod values;
 

@@ -1,6 +1,7 @@
 //! What mends a fault, and the map that holds it.
 
 use crate::record::Record;
+use fdm_system::record::frame::Frame;
 use fdm_system::record::{ChannelMap, RecordMap};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -19,6 +20,9 @@ pub struct Repair {
     /// Unit of the time column.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub time_unit: Option<String>,
+    /// The frame that vectors are turned from.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frame: Option<Frame>,
 }
 
 /// What changes of one channel: its value becomes `factor*value + offset`, later by `delay`.
@@ -48,7 +52,12 @@ impl Default for Change {
 impl Repair {
     /// In words alone.
     pub fn words(line: &str) -> Self {
-        Self { line: line.into(), channels: BTreeMap::new(), rate: None, time_unit: None }
+        Self { line: line.into(), channels: BTreeMap::new(), rate: None, time_unit: None, frame: None }
+    }
+
+    /// All vectors turned from a frame.
+    pub(crate) fn frame(frame: Frame) -> Self {
+        Self { frame: Some(frame), ..Self::words(&format!("frame = \"{frame}\"")) }
     }
 
     /// With more words.
@@ -84,7 +93,7 @@ impl Repair {
             parts.extend(change.wrap.map(|w| format!("wrap = {w:?}")));
             format!("[channel.{name}] {}", parts.join(", "))
         });
-        Self { line: lines.collect::<Vec<_>>().join("; "), channels, rate: None, time_unit: None }
+        Self { line: lines.collect::<Vec<_>>().join("; "), channels, ..Self::words("") }
     }
 }
 
@@ -102,21 +111,29 @@ pub fn repaired_map<'a>(
     for channel in &record.channels {
         map.channel.entry(channel.name.clone()).or_insert_with(|| ChannelMap::plain(&channel.column));
     }
+    let repairs: Vec<&Repair> = repairs.into_iter().collect();
+    let turned = repairs.iter().find_map(|r| r.frame);
+    map.frame = map.frame.or(turned);
+    let names: Vec<&str> = record.channels.iter().map(|c| c.name.as_str()).collect();
+    let made = turned.map(|frame| frame.turned(&names).0).unwrap_or_default();
     for repair in repairs {
         let columns: BTreeMap<String, ChannelMap> = map.channel.clone();
         map.time.rate = repair.rate.or(map.time.rate);
         map.time.unit = repair.time_unit.clone().or(map.time.unit);
         for (name, change) in &repair.channels {
+            // what is wrong with a channel in the axes that are meant is mended in those of the file
+            let source = made.iter().find(|t| names[t.channel] == name).and_then(|t| t.of.first());
+            let (name, sign) = source.map_or((name.as_str(), 1.0), |(k, factor)| (names[*k], *factor));
             let Some(channel) = map.channel.get_mut(name) else { continue };
             if let Some(other) = change.from.as_ref().and_then(|from| columns.get(from)) {
                 *channel = other.clone();
             }
-            let scale = record.channels.iter().find(|c| c.name == *name).map_or(1.0, |c| c.scale);
+            let scale = record.channels.iter().find(|c| c.name == name).map_or(1.0, |c| c.scale);
             if change.factor < 0.0 {
                 channel.sign = -channel.sign;
             }
             channel.scale *= change.factor.abs();
-            channel.offset = change.factor * channel.offset + change.offset / scale;
+            channel.offset = change.factor * channel.offset + sign * change.offset / scale;
             channel.delay += change.delay;
             channel.wrap = change.wrap.or(channel.wrap);
             channel.hold = change.hold.or(channel.hold);

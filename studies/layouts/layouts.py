@@ -1,10 +1,10 @@
 """Files as loggers and laboratories write them: does `fdm fit` read each rightly, at once or with the one option that its message names?
 
-    python3 studies/layouts/layouts.py target/release/fdm [results.csv] [further]
+    python3 studies/layouts/layouts.py target/release/fdm [results.csv] [further|fresh]
 
 Two records are simulated here, a first-order lag under a command that is held, and an oral dose; each is written in every layout, and the estimates of each
 file are compared with those of the plain file. A file that is refused gets the option that the message names, nothing else: a person who follows the
-message. `further` writes the layouts that were gathered from manuals of loggers after the readers were finished (`further.py`). HDF5 wants h5py, XLSX
+message. `further` and `fresh` write layouts that were gathered from manuals of loggers after the readers were finished (`further.py`, `fresh.py`). HDF5 wants h5py, XLSX
 openpyxl; where they are missing, these layouts are left out and told.
 """
 import json
@@ -257,8 +257,10 @@ def judge(fdm, folder, kinds, out):
 
 if __name__ == "__main__":
     kinds = layouts
-    words = [w for w in sys.argv[1:] if w != "further"]
+    words = [w for w in sys.argv[1:] if w not in ("further", "fresh")]
     if "further" in sys.argv[1:]:
         from further import layouts as kinds
+    if "fresh" in sys.argv[1:]:
+        from fresh import layouts as kinds
     with tempfile.TemporaryDirectory() as place:
         sys.exit(0 if judge(words[0], Path(place), kinds, words[1] if len(words) > 1 else None) else 1)

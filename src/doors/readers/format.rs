@@ -19,6 +19,8 @@ pub enum Format {
     ULog,
     /// ArduPilot's log.
     DataFlash,
+    /// WPILib's log.
+    WpiLog,
     /// HDF5, and MATLAB's MAT-file of version 7.3.
     Hdf5,
     /// Apache Parquet.
@@ -31,12 +33,13 @@ pub enum Format {
 
 impl Format {
     /// All formats.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::Npz,
         Self::Npy,
         Self::Mat,
         Self::ULog,
         Self::DataFlash,
+        Self::WpiLog,
         Self::Hdf5,
         Self::Parquet,
         Self::Xlsx,
@@ -51,6 +54,7 @@ impl Format {
             Self::Mat => "MAT",
             Self::ULog => "ULog",
             Self::DataFlash => "DataFlash",
+            Self::WpiLog => "WPILOG",
             Self::Hdf5 => "HDF5",
             Self::Parquet => "Parquet",
             Self::Xlsx => "XLSX",
@@ -65,6 +69,7 @@ impl Format {
             Self::Mat => "mat",
             Self::ULog => "ulog",
             Self::DataFlash => "dataflash",
+            Self::WpiLog => "wpilog",
             Self::Hdf5 => "hdf5",
             Self::Parquet => "parquet",
             Self::Xlsx => "xlsx",
@@ -86,6 +91,7 @@ impl Format {
             () if begins(b"\x93NUMPY") => Some(Self::Npy),
             () if begins(b"ULog\x01\x12\x35") => Some(Self::ULog),
             () if begins(&[0xa3, 0x95]) => Some(Self::DataFlash),
+            () if begins(b"WPILOG") => Some(Self::WpiLog),
             () if hdf5(0) || hdf5(512) => Some(Self::Hdf5),
             () if begins(b"PAR1") => Some(Self::Parquet),
             () if begins(b"MATLAB 5.0 MAT-file") || begins(b"MATLAB 7.3 MAT-file") => Some(Self::Mat),
@@ -105,6 +111,8 @@ impl Format {
             Self::ULog => Some(&crate::ulog::ULog),
             #[cfg(feature = "dataflash")]
             Self::DataFlash => Some(&crate::dataflash::DataFlash),
+            #[cfg(feature = "wpilog")]
+            Self::WpiLog => Some(&crate::wpilog::WpiLog),
             #[cfg(feature = "hdf5")]
             Self::Hdf5 => Some(&crate::hdf5::Hdf5),
             #[cfg(feature = "parquet")]
@@ -122,6 +130,43 @@ impl Format {
     pub fn is_read(self) -> bool {
         self.reader().is_some()
     }
+}
+
+/// Whether a file with these bytes is a log or data file, read or refused by its name; what is none of them is text.
+pub fn is_known(bytes: &[u8]) -> bool {
+    Format::of(bytes).is_some() || foreign(bytes).is_some()
+}
+
+/// Formats that are not read, by their first bytes, with what writes them as one that is.
+fn foreign(bytes: &[u8]) -> Option<ReadError> {
+    // their messages are of types that other files define, and packed by libraries of C
+    const EXPORTED: [(&[u8], &str, &str); 5] = [
+        (
+            b"\x89MCAP",
+            "MCAP",
+            "write its topics as CSV, each by `ros2 topic echo --csv TOPIC > topic.csv` while `ros2 bag play FILE` runs, or all by PlotJuggler or Foxglove",
+        ),
+        (
+            b"#ROSBAG",
+            "a bag of ROS 1",
+            "write its topics as CSV, each by `rostopic echo -b FILE.bag -p TOPIC > topic.csv`",
+        ),
+        (
+            b"SQLite format 3\0",
+            "a database of SQLite, such as bags of ROS 2",
+            "write its topics as CSV, each by `ros2 topic echo --csv TOPIC > topic.csv` while `ros2 bag play FOLDER` runs",
+        ),
+        (
+            b"TDSm",
+            "TDMS",
+            "write it as CSV, in Python by `nptdms.TdmsFile.read(FILE).as_dataframe().to_csv(\"run.csv\")`",
+        ),
+        (b"MDF     ", "MDF", "write it as CSV, in Python by `asammdf.MDF(FILE).export(\"csv\")`"),
+    ];
+    let of = |(first, format, how): (&[u8], &'static str, &'static str)| {
+        bytes.starts_with(first).then_some(ReadError::Foreign { format, how })
+    };
+    EXPORTED.into_iter().find_map(of)
 }
 
 /// Reads a log or data file.
@@ -146,11 +191,14 @@ pub fn open_from(source: &mut (impl Read + Seek)) -> Option<Result<Log, ReadErro
     if let Err(e) = read {
         return Some(Err(ReadError::Unread(e.to_string())));
     }
-    Format::of(&first)?;
+    is_known(&first).then_some(())?;
     Some(reader_of(&first).and_then(|(format, reader)| Ok(Log { format: format.name(), ..reader.read_from(source)? })))
 }
 
 fn reader_of(bytes: &[u8]) -> Result<(Format, &'static dyn Reader), ReadError> {
+    if let Some(foreign) = foreign(bytes) {
+        return Err(foreign);
+    }
     let Some(format) = Format::of(bytes) else {
         let names: Vec<_> = Format::ALL.iter().map(|f| f.name()).collect();
         return Err(ReadError::Unknown(names.join(", ")));

@@ -8,6 +8,7 @@ mod bytes;
 #[cfg(feature = "dataflash")]
 mod dataflash;
 mod format;
+pub mod frame;
 mod gzip;
 #[cfg(feature = "hdf5")]
 mod hdf5;
@@ -31,13 +32,15 @@ mod take;
 mod tests;
 #[cfg(feature = "ulog")]
 mod ulog;
+#[cfg(feature = "wpilog")]
+mod wpilog;
 #[cfg(feature = "xlsx")]
 mod xlsx;
 mod xml;
 #[cfg(any(feature = "npz", feature = "xlsx"))]
 mod zip;
 
-pub use format::{Format, open, open_from};
+pub use format::{Format, is_known, open, open_from};
 pub use gzip::unzipped;
 pub use input::{InputError, open_input};
 pub use log::{Damage, Field, Log, ReadError, Sheet, Topic};

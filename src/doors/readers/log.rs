@@ -73,6 +73,14 @@ pub enum ReadError {
         /// The feature of Cargo that switches its reader on.
         feature: &'static str,
     },
+    /// Another format, which other programs write as one that is read.
+    #[error("this is {format}, which is not read: {how}")]
+    Foreign {
+        /// The format.
+        format: &'static str,
+        /// What writes it as a format that is read.
+        how: &'static str,
+    },
     /// It is of no format that is known.
     #[error("the file is none of the formats that are read ({0})")]
     Unknown(String),

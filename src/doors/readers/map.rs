@@ -1,5 +1,6 @@
 //! Maps: from which field each channel of a model is read, and how its numbers become the channel's.
 
+use crate::frame::Frame;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -10,6 +11,9 @@ pub struct RecordMap {
     /// What it is for.
     #[serde(default)]
     pub about: String,
+    /// The axes in which vectors stand; they are turned into north-east-down and forward-right-down. None: they stand there.
+    #[serde(default)]
+    pub frame: Option<Frame>,
     /// The times of the samples.
     #[serde(default)]
     pub time: TimeMap,
@@ -223,6 +227,14 @@ impl RecordMap {
                 expected: "at least one `[channel.NAME]` with `from = \"TOPIC.FIELD\"`",
             });
         }
+        let names: Vec<&str> = map.channel.keys().map(String::as_str).collect();
+        if let Some(frame) = map.frame.filter(|f| f.turned(&names) == (Vec::new(), Vec::new())) {
+            return Err(MapError::Value {
+                key: "frame".into(),
+                found: format!("\"{frame}\""),
+                expected: "channels that it turns: x, y, z; vx, vy, vz; u, v, w; phi, theta, psi; q0 to q3; p, q, r; ax, ay, az",
+            });
+        }
         for (name, channel) in &map.channel {
             let key = |k: &str| format!("channel.{name}.{k}");
             if channel.sign.abs() != 1.0 {
@@ -276,6 +288,7 @@ fn toml_text(map: &RecordMap) -> String {
     if !map.about.is_empty() {
         line(format!("about = {:?}\n", map.about));
     }
+    map.frame.iter().for_each(|frame| line(format!("frame = \"{frame}\"\n")));
     if map.time != TimeMap::default() {
         line("[time]".into());
         for (key, value) in [("from", &map.time.from), ("unit", &map.time.unit), ("samples", &map.time.samples)] {

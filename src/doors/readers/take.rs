@@ -3,6 +3,7 @@
 //! A sensor is never shown more often than it was sampled: on times that are not its own it stands, interpolated between its neighbours, at
 //! the one nearest to each of its samples. Commands hold, and other inputs are linear. Nothing is bridged over a gap.
 
+use crate::frame::{Frame, NoComponent, whole_turn};
 use crate::log::{Field, Log, Topic, in_seconds};
 use crate::map::{ChannelMap, RecordMap};
 
@@ -56,6 +57,9 @@ pub enum TakeError {
     /// A clock of a topic that is not there.
     #[error("clock.{0}: the log has no such topic")]
     NoClock(String),
+    /// A vector that cannot be turned into the axes that are meant.
+    #[error(transparent)]
+    Frame(#[from] NoComponent),
     /// The topics do not overlap in time.
     #[error("the topics of the channels have no time in common")]
     Apart,
@@ -95,8 +99,11 @@ pub fn take(log: &Log, map: &RecordMap, wanted: &dyn Fn(&str) -> Option<bool>) -
             errors.push(TakeError::NoClock(name.clone()));
         }
     }
+    let partners = partners(map, wanted);
+    let needed =
+        |name: &str| wanted(name).or_else(|| partners.iter().find(|(n, _)| n == name).map(|(_, drives)| *drives));
     for (name, channel) in &map.channel {
-        let Some(drives) = wanted(name) else { continue };
+        let Some(drives) = needed(name) else { continue };
         let Some((topic, field)) = log.find(&channel.from) else {
             if channel.optional {
                 absent.push(name.clone());
@@ -120,13 +127,55 @@ pub fn take(log: &Log, map: &RecordMap, wanted: &dyn Fn(&str) -> Option<bool>) -
     let one = sampled.iter().all(|s| s.topic == first.topic && s.map.delay == 0.0);
     if one && map.time.rate.is_none() {
         let time = first.time.clone();
-        return Ok(as_it_is(time, sampled, absent, notes));
+        return turned(as_it_is(time, sampled, absent, notes), map.frame, wanted);
     }
     if let Some(s) = sampled.iter().find(|s| s.time.is_none()) {
         return Err(vec![TakeError::NoTime(log.topics[s.topic].name.clone())]);
     }
     let base = base(log, map, &sampled, &mut notes).map_err(|e| vec![e])?;
-    Ok(on_base(base, map, &sampled, absent, notes))
+    turned(on_base(base, map, &sampled, absent, notes), map.frame, wanted)
+}
+
+/// Channels that are taken for others which are made of them, and whether those drive the model.
+fn partners(map: &RecordMap, wanted: &dyn Fn(&str) -> Option<bool>) -> Vec<(String, bool)> {
+    let names: Vec<&str> = map.channel.keys().map(String::as_str).collect();
+    let (turned, _) = map.frame.map(|frame| frame.turned(&names)).unwrap_or_default();
+    let of = |t: &crate::frame::Turned| {
+        let drives = wanted(names[t.channel])?;
+        Some(t.of.iter().map(|(k, _)| (names[*k].to_string(), drives)).collect::<Vec<_>>())
+    };
+    turned.iter().filter_map(of).flatten().collect()
+}
+
+/// Vectors in the axes that are meant, in place of those of the frame.
+fn turned(
+    mut taken: Taken,
+    frame: Option<Frame>,
+    wanted: &dyn Fn(&str) -> Option<bool>,
+) -> Result<Taken, Vec<TakeError>> {
+    let Some(frame) = frame else { return Ok(taken) };
+    let names: Vec<&str> = taken.columns.iter().map(|c| c.name.as_str()).collect();
+    let (all, lacking) = frame.turned(&names);
+    let mut errors: Vec<TakeError> =
+        lacking.into_iter().filter(|e| wanted(&e.channel).is_some()).map(TakeError::from).collect();
+    let mut columns = taken.columns.clone();
+    for turned in all.iter().filter(|t| wanted(names[t.channel]).is_some()) {
+        let Some(first) = turned.of.first().map(|(k, _)| &taken.columns[*k]) else { continue };
+        let own = &mut columns[turned.channel];
+        let turns =
+            if turned.turns == 0.0 { 0.0 } else { turned.turns * whole_turn(first.unit.as_deref(), &first.values) };
+        let value = |s: usize| turned.of.iter().map(|(k, factor)| factor * taken.columns[*k].values[s]).sum::<f64>();
+        own.values = (0..first.values.len()).map(|s| value(s) + turns).collect();
+        (own.unit, own.hold, own.sampled) = (first.unit.clone(), first.hold, first.sampled.clone());
+    }
+    errors.dedup();
+    if !errors.is_empty() {
+        return Err(errors);
+    }
+    let changed: Vec<String> = all.iter().map(|t| format!("`{}`", names[t.channel])).collect();
+    taken.notes.push(format!("{} are turned from {}", changed.join(", "), frame.words()));
+    columns.retain(|c| wanted(&c.name).is_some());
+    Ok(Taken { columns, ..taken })
 }
 
 /// The samples of a channel at its own times: those that say nothing are left out.

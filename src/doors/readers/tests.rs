@@ -217,6 +217,82 @@ fn compressed_text_is_unpacked_with_its_checksum() {
     }
 }
 
+/// A log of WPILib: a header, records of entries by the shortest numbers, times in microseconds.
+#[cfg(feature = "wpilog")]
+fn wpilog(extra: &str, records: &[(u32, u64, Vec<u8>)]) -> Vec<u8> {
+    let mut out = [b"WPILOG\x00\x01", &(extra.len() as u32).to_le_bytes()[..], extra.as_bytes()].concat();
+    let shortest = |v: u64| 8 - (v.leading_zeros() as usize / 8).min(7);
+    for (entry, time, payload) in records {
+        let lengths = [u64::from(*entry), payload.len() as u64, *time].map(shortest);
+        out.push(((lengths[0] - 1) | (lengths[1] - 1) << 2 | (lengths[2] - 1) << 4) as u8);
+        for (value, length) in [u64::from(*entry), payload.len() as u64, *time].into_iter().zip(lengths) {
+            out.extend(&value.to_le_bytes()[..length]);
+        }
+        out.extend(payload);
+    }
+    out
+}
+
+#[cfg(feature = "wpilog")]
+#[test]
+fn entries_of_wpilib_are_read_to_the_bit_and_what_is_cut_off_is_told() {
+    let text = |t: &str| [&(t.len() as u32).to_le_bytes()[..], t.as_bytes()].concat();
+    let start = |entry: u32, name: &str, kind: &str| {
+        let body = [&[0][..], &entry.to_le_bytes(), &text(name), &text(kind), &text("{}")].concat();
+        (0, 100, body)
+    };
+    let doubles = |v: &[f64]| v.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>();
+    let kinds = ["double", "float", "int64", "boolean", "double[]", "string", "struct:Pose2d"];
+    let mut records: Vec<_> = kinds.iter().zip(1..).map(|(kind, k)| start(k, &format!("/{kind}"), kind)).collect();
+    for k in 0..300_u64 {
+        let time = 70_000 + 20_000 * k;
+        records.push((1, time, doubles(&[k as f64 / 7.0])));
+        records.push((2, time, (k as f32).to_le_bytes().to_vec()));
+        records.push((3, time, (-(k as i64)).to_le_bytes().to_vec()));
+        records.push((4, time, vec![u8::from(k % 2 == 1)]));
+        records.push((5, time, doubles(&[k as f64, -1.0][..1 + usize::from(k > 0)])));
+        records.push((6, time, b"on".to_vec()));
+        records.push((7, time, vec![0; 24]));
+    }
+    // an entry that ends, and one of its name that goes on under another number
+    records.push((0, 7_000_000, [&[1][..], &1_u32.to_le_bytes()].concat()));
+    records.push(start(900, "/double", "double"));
+    records.push((900, 8_000_000, doubles(&[43.0])));
+    let bytes = wpilog("{\"robot\":7}", &records);
+    let log = open(&bytes).unwrap();
+    assert!(log.damage.is_empty(), "{:?}", log.damage);
+    let of = |path: &str| values(&log, path).to_vec();
+    let all = |of: &dyn Fn(f64) -> f64| (0..300).map(|k| of(f64::from(k))).collect::<Vec<f64>>();
+    assert_eq!(of("/double.value"), [all(&|k| k / 7.0), vec![43.0]].concat());
+    assert_eq!((of("/float.value"), of("/int64.value")), (all(&|k| k), all(&|k| -k)));
+    assert_eq!((of("/boolean.value"), of("/double[].value[0]")), (all(&|k| k % 2.0), all(&|k| k)));
+    assert!(of("/double[].value[1]")[0].is_nan() && of("/double[].value[1]")[1..].iter().all(|v| *v == -1.0));
+    let (topic, _) = log.find("/double.value").unwrap();
+    assert_eq!(log.topics[topic].seconds().unwrap()[299..], [6.05, 8.0]);
+    assert_eq!(log.remarks, ["no numbers, left out: `/string` (string), `/struct:Pose2d` (struct:Pose2d)"]);
+
+    let cut = open(&bytes[..bytes.len() - 3]).unwrap();
+    assert!(cut.damage[0].to_string().contains("cut off; 12 bytes are lost"), "{:?}", cut.damage);
+    let wrong = wpilog("", &[start(1, "a", "double"), (1, 5, vec![0; 3]), (2, 5, vec![0; 8])]);
+    let told: Vec<String> = open(&wrong).unwrap().damage.iter().map(|d| d.what.clone()).collect();
+    assert!(
+        told[0].contains("3 bytes for a value of `a`") && told[1].contains("entry 2, which has not begun"),
+        "{told:?}"
+    );
+    assert!(open(b"WPILOG\x00\x02\0\0\0\0").unwrap_err().to_string().contains("version 2.0, and 1.0 is read"));
+}
+
+#[test]
+fn formats_of_other_tools_are_refused_with_what_writes_them_as_text() {
+    for (bytes, how) in [
+        (&b"\x89MCAP0\r\n"[..], "ros2 topic echo --csv"),
+        (b"#ROSBAG V2.0\n", "rostopic echo -b"),
+        (b"SQLite format 3\0", "ros2 bag play"),
+    ] {
+        assert!(crate::is_known(bytes) && open(bytes).unwrap_err().to_string().contains(how));
+    }
+}
+
 fn map(text: &str) -> RecordMap {
     RecordMap::parse(text).unwrap()
 }
@@ -316,6 +392,45 @@ fn a_clock_that_drifts_is_set_right() {
     assert!(right.len() == off.len() && right.windows(2).all(|w| w[0] < w[1]));
     let none = take(&log, &map(&text("[clock.BARO]\noffset = 1\n")), &|_| Some(false)).unwrap_err();
     assert_eq!(none[0].to_string(), "clock.BARO: the log has no such topic");
+}
+
+#[test]
+fn a_frame_turns_all_vectors_of_a_map() {
+    let names = ["x", "y", "z", "phi", "theta", "psi", "q0", "q1", "q2", "q3", "r", "az"];
+    let row = [1.0, 2.0, 3.0, 0.1, 0.2, 30.0, 0.5, 0.5, -0.5, 0.5, 4.0, 9.8];
+    let column = |(name, value): (&&str, f64)| Field::new(*name, (*name == "psi").then_some("deg"), vec![value; 2]);
+    let fields = names.iter().zip(row).map(column).collect();
+    let log = Log { topics: vec![Topic { fields, ..Topic::default() }], ..Log::default() };
+    let text = |frame: &str, without: &str| {
+        let channels = names.iter().filter(|n| **n != without).map(|n| format!("[channel.{n}]\nfrom = \"{n}\"\n"));
+        format!("frame = \"{frame}\"\n{}", channels.collect::<String>())
+    };
+    let turned = |frame: &str, wanted: &dyn Fn(&str) -> Option<bool>| {
+        let taken = take(&log, &map(&text(frame, "")), wanted).unwrap();
+        taken.columns.into_iter().map(|c| (c.name, c.values[0])).collect::<std::collections::BTreeMap<_, _>>()
+    };
+    let is = |found: &std::collections::BTreeMap<String, f64>, expected: [f64; 12]| {
+        let near = |(name, e): (&&str, f64)| (found[*name] - e).abs() < 1e-12;
+        assert!(names.iter().zip(expected).all(near), "{found:?}");
+    };
+    let h = std::f64::consts::FRAC_1_SQRT_2;
+    let all = |_: &str| Some(false);
+    is(&turned("enu-flu", &all), [2.0, 1.0, -3.0, 0.1, -0.2, 60.0, h, 0.0, h, 0.0, -4.0, -9.8]);
+    is(&turned("nwu-flu", &all), [1.0, -2.0, -3.0, 0.1, -0.2, -30.0, 0.5, 0.5, 0.5, -0.5, -4.0, -9.8]);
+    is(&turned("enu-frd", &all), [2.0, 1.0, -3.0, 0.1, 0.2, 30.0, 0.5, 0.5, -0.5, 0.5, 4.0, 9.8]);
+    is(&turned("ned-flu", &all), [1.0, 2.0, 3.0, 0.1, 0.2, 30.0, 0.5, 0.5, -0.5, 0.5, -4.0, -9.8]);
+    // a component that the model does not want is taken for one that it does
+    let found = turned("enu-flu", &|name| (name == "x").then_some(false));
+    assert_eq!(found, [("x".to_string(), 2.0)].into());
+    let lacking = take(&log, &map(&text("enu-flu", "y")), &all).unwrap_err();
+    let said = "frame = \"enu-flu\" makes `x` of `y`, and no channel of that name is there; add it to the map";
+    assert_eq!((lacking.len(), lacking[0].to_string().as_str()), (1, said));
+    let wrong = |text: &str| RecordMap::parse(text).unwrap_err().to_string();
+    assert!(wrong(&text("flu", "")).contains("expected enu-flu, nwu-flu, ned-flu, enu-frd, nwu-frd, ned-frd"));
+    let nothing = wrong("frame = \"enu-flu\"\n[channel.speed]\nfrom = \"x\"\n");
+    assert!(nothing.contains("frame = \"enu-flu\": expected channels that it turns: x, y, z"), "{nothing}");
+    let read = map(&text("enu-flu", ""));
+    assert_eq!(RecordMap::parse(&read.text()).unwrap(), read);
 }
 
 #[test]

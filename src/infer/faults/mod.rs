@@ -102,7 +102,7 @@ pub fn examine_beside(
     let names = Channels::of(records);
     let (masked, clean) = mask(&names, runs, records, &alone);
     let mut done = Examination { findings: alone, ..Examination::default() };
-    let mut kinematics = Kinematics::of(&clean, &names);
+    let mut kinematics = Kinematics::of(&clean, &names).exact();
     let tempo = pace(model, runs).map(|p| p.magnitude * p.interval);
     work.stage("the record as it is");
     let base = base(model, &masked, work);
@@ -273,7 +273,7 @@ pub(crate) fn mended(fitted: &FittedModel, runs: &[Run], work: &Work<'_>) -> (Op
     let records: Vec<Record> = runs.iter().map(|run| Record::of_run(definition, run, None)).collect();
     let names = Channels::of(&records);
     let tempo = pace(model, runs).map(|p| p.magnitude * p.interval);
-    let mut kinematics = Kinematics::of(&records, &names);
+    let mut kinematics = Kinematics::of(&records, &names).exact();
     if tempo.is_none_or(|pace| pace <= FASTEST) {
         kinematics = held_by(kinematics, fitted, &records, &names);
     }

@@ -226,6 +226,7 @@ impl Search<'_> {
                 edits: vec![Edit::Hold(slot, held)],
                 what: words.into(),
                 weight,
+                frame: None,
             }
         };
         (0..ground.channels.inputs).filter(|k| ground.runs.iter().all(|r| !r.is_stated(*k))).map(of).collect()

@@ -72,7 +72,7 @@ fn hypothesis(ground: &Ground<'_>, point: &Point, judged: &Judged, k: usize) -> 
             let values: Vec<String> = ground.runs.iter().zip(&point.theta).map(value).take(3).collect();
             let stated = ground.model.definition().params[state.param].value;
             let what = format!("begins at {}, where the model states {stated}", values.join(", "));
-            Hypothesis { fault: Fault::Beginning, slots: Vec::new(), edits: Vec::new(), what, weight: 1.0 }
+            Hypothesis { fault: Fault::Beginning, slots: Vec::new(), edits: Vec::new(), what, weight: 1.0, frame: None }
         }
     }
 }

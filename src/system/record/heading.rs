@@ -34,6 +34,9 @@ impl Heading {
         if let Some((name, unit)) = behind_comma(title) {
             return Self { title: title.into(), name: name.into(), unit, ..Self::default() };
         }
+        if let Some((name, unit)) = in_words(title).or_else(|| behind_bar(title)) {
+            return Self { title: title.into(), name: name.into(), ..Self::default() }.with_unit(unit);
+        }
         let split = opening(title).map(|at| (title[..at].trim_end(), title[at + 1..title.len() - 1].trim()));
         match split {
             // serial numbers and the like are no units
@@ -79,6 +82,19 @@ fn behind_comma(title: &str) -> Option<(&str, Option<String>)> {
     let known = || !unit.starts_with(|c: char| c.is_ascii_digit()) && Unit::spelled(unit).is_ok();
     let plain = !name.is_empty() && !name.contains(['[', '(']);
     (plain && (zone || known())).then(|| (name.trim(), Some(unit.to_string()).filter(|_| !zone)))
+}
+
+/// `CH1 in V`, `in s`: a name, and a unit that is known.
+fn in_words(title: &str) -> Option<(&str, &str)> {
+    let (name, unit) = title.rsplit_once(" in ").or_else(|| Some((title, title.strip_prefix("in ")?)))?;
+    (!unit.contains(' ') && Unit::spelled(unit).is_ok()).then(|| (name.trim(), unit))
+}
+
+/// `speed|"m/s"|0|50|10`: a name and a unit before the range and the rate of a channel.
+fn behind_bar(title: &str) -> Option<(&str, &str)> {
+    let mut parts = title.split('|').map(|p| p.trim().trim_matches('"'));
+    let (name, unit) = (parts.next().filter(|n| !n.is_empty())?, parts.next()?);
+    (parts.count() > 1).then_some((name, unit))
 }
 
 /// Whether a title is that of an element of a vector or matrix: no unit stands close to its name and is a number.
@@ -323,6 +339,10 @@ mod tests {
         assert_eq!(heading("a(m/s^(2))"), pair("a", Some("m/s^(2)")));
         assert_eq!(heading(" \"q [rad/s]\""), pair("q", Some("rad/s")));
         assert_eq!(heading("[s]"), pair("[s]", None));
+        assert_eq!(heading("CH1 in V"), pair("CH1", Some("V")));
+        assert_eq!(heading("change in speed"), pair("change in speed", None));
+        assert_eq!(heading("speed|\"m/s\"|0.0|50.0|10"), pair("speed", Some("m/s")));
+        assert_eq!(heading("a|b"), pair("a|b", None));
         assert_eq!(heading("x []"), pair("x", None));
         assert_eq!(heading("t_s"), pair("t_s", None));
         assert_eq!(heading("y[2]"), pair("y[2]", None));

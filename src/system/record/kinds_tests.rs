@@ -103,6 +103,20 @@ fn headers_are_found_whatever_stands_above() {
 fn other_layouts_of_tables_are_one_understanding() {
     let plain = ReadOptions::default();
     for (text, part) in [
+        (
+            "\"VarName\";\"TimeString\";\"VarValue\";\"Validity\"\n\"u\";\"01.05.2026 12:00:00\";1,0;1\n\"y\";\"01.05.2026 12:00:00\";0,25;1\n\
+             \"u\";\"01.05.2026 12:00:00.5\";1,0;1\n\"y\";\"01.05.2026 12:00:00.5\";0,5;1\n\"u\";\"01.05.2026 12:00:01\";2,0;1\n\"y\";\"01.05.2026 12:00:01\";0,75;1\n",
+            "each row holds one value",
+        ),
+        (
+            "Date,Time,ms,u,y\n2026/05/01,23:59:59,500,1,0.25\n2026/05/02,00:00:00,0,1,0.5\n2026/05/02,00:00:00,500,2,0.75\n",
+            "column `ms` holds the milliseconds of `Time`",
+        ),
+        ("t:0.0,u:1,y:0.25\nt:0.5,u:1,y:0.5\nt:1,u:2,y:0.75\n", "stand before each value"),
+        ("\"Interval\"|\"ms\"|0|0|1,\"u\"|\"V\"|0|5|50,\"y\"|\"\"|0|1|50\n0,1,0.25\n500,1,0.5\n1000,2,0.75\n", ""),
+        ("in s,u in V,y\n0,1,0.25\n0.5,1,0.5\n1,2,0.75\n", ""),
+        ("Clock,T,u,y\n0:00:00,20,1,0.25\n0:00:00.5,20,1,0.5\n0:00:01,20,2,0.75\n", ""),
+        ("T,seconds,u,y\n20,0,1,0.25\n19,0.5,1,0.5\n21,1,2,0.75\n", ""),
         ("Timestamp [s],u,y,state\n0,1,,\n0,,0.25,\n0.5,1,,\n0.5,,0.5,\n1,2,,\n1,,0.75,\n", "they are one sample"),
         ("time,name,value\n0,u,1\n0,y,0.25\n0.5,u,1\n0.5,y,0.5\n1,u,2\n1,y,0.75\n", "each row holds one value"),
         ("SECONDS;PID;VALUE\n0;u;1\n0;y;0.25\n0.5;u;1\n0.5;y;0.5\n1;u;2\n1;y;0.75\n", "each row holds one value"),
@@ -116,6 +130,12 @@ fn other_layouts_of_tables_are_one_understanding() {
     ] {
         is_it(text.as_bytes(), &plain, part);
     }
+    // by the numbers of columns, where names are no names
+    let by_number = mapped(&[("u", "#2 [V]"), ("y", "#3 [1]")]);
+    let scope = "SCOPE,12,Waveform\nSegment,TrigTime,Since\n#1,21-Sep-2026 14:13:57,0\nTime,Ampl,Ampl\n0,1,0.25\n0.5,1,0.5\n1,2,0.75\n";
+    is_it(scope.as_bytes(), &by_number, "");
+    let band = "1790000000, 1790000000\n2.0, 2.0\n1,0.25\n1,0.5\n2,0.75\n";
+    is_it(band.as_bytes(), &mapped(&[("u", "#1 [V]"), ("y", "#2 [1]")]), "the first two rows are the start");
     let row = |name: &str, value: &dyn Fn(i32) -> f64| {
         let cells: Vec<String> = (0..40).map(|k| value(k).to_string()).collect();
         format!("{name},{}\n", cells.join(","))

@@ -3,7 +3,7 @@
 
 use super::clock;
 use super::grid::{Delimiter, Rows, collapse};
-use super::heading::{Heading, is_row_of_units};
+use super::heading::{Heading, is_row_of_units, time_name};
 use super::note::Note;
 use super::text::{self, Cell};
 use csv::ByteRecord;
@@ -351,8 +351,11 @@ fn of_block(lines: &[Line], mut block: Vec<usize>, width: usize) -> Header {
     let unique = |k: &usize| full(k) && lines[*k].distinct() >= width;
     let Some(nearest) = block.first().copied() else { return Header { units, ..Header::default() } };
     let upper = block.get(1).copied();
+    let timed = |k: &usize| lines[*k].cells.iter().any(|c| time_name(c).is_some_and(|t| t.rank < 4));
     let (names, others) = match (unique(&nearest), block.iter().copied().find(|k| unique(k))) {
         (true, _) => (vec![nearest], &block[1..]),
+        // two columns of one name below a line that says something else
+        (false, Some(other)) if full(&nearest) && timed(&nearest) && !timed(&other) => (vec![nearest], &block[..0]),
         (false, Some(other)) => (vec![other], &block[..0]),
         // titles over several columns
         (false, _) => match upper.filter(|k| !unique(k) && !lines[*k].comment && lines[*k].filled() > 1) {

@@ -9,7 +9,7 @@ use super::options::ReadOptions;
 use super::samples::numbers;
 use super::table::Table;
 use super::{text, times};
-use fdm_readers::{Field, Format, Log, ReadError, RecordMap, Taken, Topic, open, open_from, take};
+use fdm_readers::{Field, Log, ReadError, RecordMap, Taken, Topic, is_known, open, open_from, take};
 use std::path::Path;
 
 /// What a file holds.
@@ -33,7 +33,7 @@ pub(crate) fn content(path: &Path) -> Result<Content, Problem> {
         return Ok(Content::Log(log));
     }
     let bytes = text::load(path)?;
-    Ok(if Format::of(&bytes).is_some() { Content::Log(open(&bytes)) } else { Content::Text(bytes) })
+    Ok(if is_known(&bytes) { Content::Log(open(&bytes)) } else { Content::Text(bytes) })
 }
 
 /// The tables of a file of any format.

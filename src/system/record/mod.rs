@@ -49,7 +49,7 @@ pub use error::Fault;
 pub use error::{Names, Problem, RecordError};
 // What stands in files before it is a record of a model: of the readers only this package knows.
 pub use even_grid::Sampling;
-pub use fdm_readers::{ChannelMap, Field, Log, RecordMap, Topic, open_input};
+pub use fdm_readers::{ChannelMap, Field, Log, RecordMap, Topic, frame, open_input};
 pub use grid::{Delimiter, Dialect, Mark};
 pub use holds::moves_at_samples;
 pub use log::open_log;

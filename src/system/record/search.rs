@@ -265,7 +265,10 @@ impl Search<'_> {
             return Ok(Some(column));
         }
         let lower = name.to_lowercase();
-        self.unique(|h| (h.name.to_lowercase() == lower || h.title.to_lowercase() == lower) && !taken(h))
+        let found =
+            self.unique(|h| (h.name.to_lowercase() == lower || h.title.to_lowercase() == lower) && !taken(h))?;
+        let number = || name.strip_prefix('#')?.parse::<usize>().ok()?.checked_sub(1);
+        Ok(found.or_else(|| number().filter(|k| *k < self.table.columns.len())))
     }
 
     /// The column that a `--map` names, and the unit that it gives.
@@ -327,7 +330,7 @@ impl Search<'_> {
             Some((_, h)) if count > 1 => {
                 let problem = self.table.in_header(Fault::Ambiguous { name: excerpt(&h.name), count });
                 Err(problem
-                    .hint("rename the columns, or say --map CHANNEL=TITLE with a title that only one of them has"))
+                    .hint("say --map CHANNEL=TITLE with a title that only one of them has, or --map CHANNEL=#N with the number of its column"))
             }
             first => Ok(first.map(|(column, _)| column)),
         }

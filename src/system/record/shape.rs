@@ -83,7 +83,10 @@ const VALUES: [&str; 9] = ["value", "_value", "val", "data", "reading", "result"
 pub(crate) fn long(table: Table, wanted: &[&str]) -> Table {
     /// Names that are channels, at most.
     const CHANNELS: usize = 2000;
-    let called = |k: usize, known: &[&str]| known.contains(&table.columns[k].heading.name.to_lowercase().as_str());
+    let called = |k: usize, known: &[&str]| {
+        let lower = table.columns[k].heading.name.to_lowercase();
+        known.contains(&lower.as_str()) || lower.ends_with(known[0])
+    };
     let time = match super::times::found(&table, &|_| true) {
         Ok(Some(time)) => time,
         _ => match super::times::called_times(&table).first() {
@@ -178,6 +181,68 @@ pub(crate) fn dated(table: &mut Table) {
 fn clock_title(table: &Table) -> &str {
     let both = table.columns.iter().find(|c| c.stamps == Some(Stamps::Both));
     both.map_or("", |c| c.heading.title.as_str())
+}
+
+/// Milliseconds in a column of their own beside clock times of whole seconds: both together are the time.
+pub(crate) fn split_seconds(table: &mut Table) {
+    let mut clocks = (0..table.columns.len()).filter(|k| table.columns[*k].stamps.is_some_and(|s| s != Stamps::Dates));
+    let (Some(clock), None) = (clocks.next(), clocks.next()) else { return };
+    let is = |c: &Column| {
+        let named = ["ms", "msec", "millis", "millisec", "millisecond", "milliseconds"];
+        let part = |v: &f64| (0.0..1000.0).contains(v) && v.fract() == 0.0;
+        named.contains(&c.heading.name.to_lowercase().as_str()) && c.stamps.is_none() && c.values.iter().all(part)
+    };
+    let Some(part) = table.columns.iter().position(is) else { return };
+    let whole = &table.columns[clock].values;
+    let both: Vec<f64> = whole.iter().zip(&table.columns[part].values).map(|(s, ms)| s + ms / 1000.0).collect();
+    // where they are, the clock alone stands still and both together do not
+    let rises = |v: &[f64]| v.windows(2).all(|w| w[0] < w[1]);
+    if whole.iter().any(|s| s.fract() != 0.0) || rises(whole) || !rises(&both) {
+        return;
+    }
+    let (parts, title) = (table.columns[part].heading.title.clone(), table.columns[clock].heading.title.clone());
+    table.columns[clock].values = both;
+    table.notes.push(Note::Layout(format!("column `{parts}` holds the milliseconds of `{title}`")));
+}
+
+/// Rows above a table without names that hold one number each, the start since 1970 and the rate of sampling in hertz: both are said of the table.
+pub(crate) fn begun(table: &mut Table) {
+    let one = |row: usize| {
+        let first = table.columns.first()?.values.get(row).copied()?;
+        table.columns.iter().all(|c| c.values[row] == first).then_some(first)
+    };
+    let ours = |v: f64| (super::times::OUR_TIME.0..super::times::OUR_TIME.1).contains(&v);
+    let (Some(start), Some(rate)) = (one(0), one(1)) else { return };
+    let below = |c: &Column| c.values.iter().skip(1).any(|v| ours(*v));
+    if !table.unnamed || !ours(start) || rate <= 0.0 || table.rows() < 4 || table.columns.iter().any(below) {
+        return;
+    }
+    let rows: Vec<usize> = (2..table.rows()).collect();
+    let mut part = table.part(&rows);
+    part.about.push(("sample rate".into(), rate.to_string()));
+    part.notes.push(Note::Layout(format!("the first two rows are the start, {start} s since 1970, and the rate")));
+    *table = part;
+}
+
+/// Rows whose cells are all `name:value`, with the same names: these, and the text without them.
+pub(crate) fn labelled(text: &str) -> Option<(Vec<String>, String)> {
+    let mark = [',', ';', '\t'].into_iter().find(|m| text.contains(*m)).unwrap_or(' ');
+    let names = |line: &str| -> Option<Vec<String>> {
+        let name = |cell: &str| {
+            let (name, value) = cell.trim().split_once(':')?;
+            let word = name.starts_with(|c: char| c.is_alphabetic()) && text::is_number(value);
+            word.then(|| name.trim().to_string())
+        };
+        line.trim().split(mark).filter(|c| !c.trim().is_empty()).map(name).collect()
+    };
+    let mut lines = text.lines().filter(|l| !l.trim().is_empty());
+    let first = names(lines.next()?).filter(|n| n.len() > 1)?;
+    if !lines.all(|line| names(line).as_ref() == Some(&first)) {
+        return None;
+    }
+    let value = |cell: &str| cell.split_once(':').map_or(cell, |(_, value)| value).to_string();
+    let plain = |line: &str| line.split(mark).map(value).collect::<Vec<_>>().join(&mark.to_string());
+    Some((first, text.split_inclusive('\n').map(plain).collect()))
 }
 
 /// Clock times that are written as numbers, `hhmmss.s`: told where a minute ends, for there the numbers leap and the times do not. Within a minute

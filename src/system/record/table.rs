@@ -92,6 +92,10 @@ impl Table {
     fn of_decoded(decoded: Decoded, sheet: Option<bool>) -> Result<Self, Problem> {
         let Decoded { text, comments, .. } = decoded;
         let ended = text.ends_with(['\n', '\r']);
+        let (labels, text) = match shape::labelled(&text) {
+            Some((labels, text)) => (labels, text),
+            None => (Vec::new(), text),
+        };
         let mut layout = layout::find(&text, &comments, sheet.map(|_| Delimiter::Tab));
         if sheet == Some(true) {
             layout = titled(&text, layout);
@@ -105,6 +109,10 @@ impl Table {
             return Ok(Self { ended, ..lying });
         }
         let Layout { delimiter, mut headings, header_line, first_line, width, about, mut notes } = layout;
+        if headings.is_empty() && labels.len() == width {
+            headings = labels.iter().map(|name| Heading::new(name)).collect();
+            notes.push(Note::Layout("the names of the columns stand before each value".into()));
+        }
         let unnamed = headings.is_empty();
         if unnamed {
             headings = (1..=width).map(|k| Heading::new(&format!("#{k}"))).collect();
@@ -185,7 +193,9 @@ impl Table {
     fn shaped(self) -> Self {
         let mut table = shape::long(self, &[]);
         shape::dated(&mut table);
+        shape::split_seconds(&mut table);
         shape::packed(&mut table);
+        shape::begun(&mut table);
         table
     }
 

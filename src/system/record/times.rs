@@ -13,7 +13,7 @@ const UNITS: [(&str, f64); 7] =
     [("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9), ("min", 60.0), ("h", 3600.0), ("d", 86_400.0)];
 
 /// Seconds from 1970 to 2000 and to 2100: records of our time lie between, in whatever unit they count.
-const OUR_TIME: (f64, f64) = (9.4e8, 4.1e9);
+pub(crate) const OUR_TIME: (f64, f64) = (9.4e8, 4.1e9);
 
 /// What is known of the unit of a column of times.
 #[derive(Debug, Clone, PartialEq)]
@@ -92,8 +92,12 @@ pub(crate) fn called_times(table: &Table) -> Vec<(usize, usize)> {
 /// # Errors
 /// Several of the same name.
 pub(crate) fn found(table: &Table, may_be: &dyn Fn(&Heading) -> bool) -> Result<Option<usize>, Problem> {
-    let named: Vec<(usize, usize)> =
+    let mut named: Vec<(usize, usize)> =
         called_times(table).into_iter().filter(|(_, k)| may_be(&table.columns[*k].heading)).collect();
+    // a temperature may be called `T`: what advances goes before a name
+    if named.iter().any(|(_, k)| advances(&table.columns[*k])) {
+        named.retain(|(_, k)| advances(&table.columns[*k]));
+    }
     // what is only like a time needs a unit beside its name
     let known = |(rank, k): &&(usize, usize)| *rank < 3 || unit_of(table, *k).unit.is_some();
     if let Some((rank, column)) = named.iter().find(known) {
@@ -102,7 +106,9 @@ pub(crate) fn found(table: &Table, may_be: &dyn Fn(&Heading) -> bool) -> Result<
         if same.len() > 1 && *rank < 3 {
             let name = table.columns[*column].heading.name.clone();
             let problem = table.in_header(Fault::Ambiguous { name, count: same.len() });
-            return Err(problem.hint("rename the columns, or say --map t=TITLE with a title that only one of them has"));
+            return Err(problem.hint(
+                "say --map t=TITLE with a title that only one of them has, or --map t=#N with the number of its column",
+            ));
         }
         if clear && (same.len() == 1 || *rank < 3) {
             return Ok(Some(*column));
@@ -136,6 +142,13 @@ pub(crate) fn found(table: &Table, may_be: &dyn Fn(&Heading) -> bool) -> Result<
         ([], [one]) => Some(*one),
         _ => None,
     })
+}
+
+/// Whether the values of a column rise, but for one step in five: those of several runs fall between them.
+fn advances(column: &Column) -> bool {
+    let count = |is: fn(f64) -> bool| column.values.windows(2).filter(|w| is(w[1] - w[0])).count();
+    let (up, down) = (count(|step| step > 0.0), count(|step| step < 0.0));
+    up > 4 * down
 }
 
 /// Whether a column counts rows and measures no time: by its name, and by steps of one.
