@@ -63,6 +63,8 @@ pub(super) fn reactions(tree: &mut SyntaxTree, findings: &mut Vec<Diagnostic>) {
         if wrong.is_empty() {
             findings.extend(imbalance(tree, list, statement.span, &declared));
         }
+        // what was told is left out of the balances, or its units would be told as theirs
+        let told: Vec<Span> = wrong.iter().map(|finding| finding.span).collect();
         findings.extend(wrong);
         for reaction in list {
             let mut maker = Maker::new(tree);
@@ -79,7 +81,8 @@ pub(super) fn reactions(tree: &mut SyntaxTree, findings: &mut Vec<Diagnostic>) {
                     findings.push(Diagnostic::new(Code::BadReaction, name.span, message).hint(hint));
                     continue;
                 }
-                let own = Share { count, factor: factor.cloned(), rate };
+                let factor = factor.filter(|factor| !told.contains(&factor.span)).cloned();
+                let own = Share { count, factor, rate };
                 share(&mut balances, name, *volume, own, findings);
             }
         }
@@ -183,7 +186,7 @@ fn coefficients(reaction: &Reaction, declared: &[(Role, Declaration)]) -> Vec<Di
         wrong.then(|| {
             Diagnostic::new(Code::UnitMismatch, factor.span, message)
                 .label(unit.span, "its unit")
-                .hint(format!("write `param {name} [1]`, or convert it in the rate"))
+                .hint(format!("write `param {name} [1]`"))
         })
     };
     factors.filter_map(one).collect()
