@@ -138,7 +138,8 @@ module.exports = grammar({
     reactions: ($) => seq('reactions', optional(seq('in', $.expression)), '{', repeat(seq($.reaction, ';')), '}'),
     reaction: ($) => seq($.side, choice('->', '<->'), $.side, ':', list($.expression)),
     side: ($) => seq($.portion, repeat(seq('+', $.portion))),
-    portion: ($) => choice($.number, seq(optional(seq($.number, optional('*'))), choice($.reference, $.element))),
+    portion: ($) =>
+      choice($.number, seq(optional(seq($.number, optional('*'))), optional(seq(field('factor', $.reference), '*')), choice($.reference, $.element))),
 
     expression: ($) =>
       choice(

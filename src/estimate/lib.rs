@@ -66,7 +66,7 @@ pub use problem::response::{
 pub use problem::{Options, Problem, ProblemError, ProblemRun};
 pub use recovery::confidence::{LengthSensitivity, by_confidence};
 pub use recovery::multi_start::StartSearch;
-pub use uncertainty::information::{Information, NoInformation};
+pub use uncertainty::information::{Information, NoInformation, SampleInformation};
 
 pub use crate::estimation::smoothness::{NodeEstimate, TableAxis, TableEstimate, Unvisited, unvisited};
 pub use crate::work::{Reason, Termination};

@@ -1,10 +1,12 @@
-//! What the next runs would determine: a table of parameters, one of manoeuvres; on a page what is known after each run, and what is flown.
+//! What the next runs would determine: a table of parameters, one of manoeuvres or of experiments; on a page what is known after each run,
+//! and what is flown, or when samples are taken.
 
 use super::section::{Part, Report, Rows, Section, Trust, Verdict};
 use crate::page::figure::{Figure, Look, Mark, Panel};
 use crate::page::number::bracketed;
+use crate::regions;
 use crate::{html, text};
-use fdm_results::documents::design::{Design, Distinction, Gain, Manoeuvre, Outlook};
+use fdm_results::documents::design::{Design, Distinction, Experiment, Experiments, Gain, Manoeuvre, Outlook};
 use fdm_results::documents::digits;
 use fdm_system::model::Model;
 
@@ -19,6 +21,102 @@ const LOOKS: [Look; 3] = [Look::Measured, Look::Residual, Look::Model];
 /// A planned run: its name, and time and inputs as columns of name, unit and values.
 pub type Planned = (String, Vec<(String, Option<String>, Vec<f64>)>);
 
+/// The response of a planned experiment: times (N), and outputs (N by q).
+pub type Drawn = (Vec<f64>, Vec<f64>);
+
+/// Planned experiments, and parameters before and after them.
+pub fn experiments_table(found: &Experiments, model: &Model) -> String {
+    text::sections(&[planned_experiments(found, model)])
+}
+
+/// A page of planned experiments with the response of each.
+pub fn experiments_page(found: &Experiments, model: &Model, drawn: &[Drawn]) -> String {
+    let count = found.experiments.len();
+    let sentence = format!("{} planned.{}", counted(count, "experiment"), least_known(&found.outlook));
+    let trust = if found.undetermined_then.is_empty() { Trust::Good } else { Trust::Reserved };
+    let said = "One standard error of every parameter as a part of its value: by the runs so far, and after the planned experiments.";
+    let drawn_errors = errors(&found.outlook, count).into_iter().flat_map(|f| [Part::Line(said.into()), f.into()]);
+    let known = Section::new("errors", "What is known")
+        .with_all(drawn_errors)
+        .with_all(regions::of_experiments(found).map(|picture| Part::Markup(picture.markup())));
+    let samples = Section::new("samples", "When samples are taken")
+        .with_all(found.experiments.iter().zip(drawn).enumerate().map(|(k, one)| course(k, one, model)));
+    html::page(&Report {
+        kind: "design of the next experiments",
+        name: model.name().into(),
+        doc: Some(model.definition().doc.clone()).filter(|doc| !doc.is_empty()),
+        verdict: Verdict::new(trust, sentence),
+        sections: [planned_experiments(found, model), known, samples]
+            .into_iter()
+            .filter(|section| !section.parts.is_empty())
+            .collect(),
+    })
+}
+
+fn planned_experiments(found: &Experiments, model: &Model) -> Section {
+    let time = model.definition().time.to_string();
+    let mut rows = Rows::over(found.experiments.iter().enumerate());
+    rows.name("experiment", |(k, _)| (k + 1).to_string());
+    for (place, level) in found.experiments.first().into_iter().flat_map(|one| one.levels.iter().enumerate()) {
+        let title = format!("{}{}", level.name, bracketed(level.unit.as_deref()));
+        rows.number(&title, |(_, one)| one.levels.get(place).map_or("-".into(), |level| digits(level.value, 4)));
+    }
+    rows.sentence(&format!("samples at [{time}]"), |(_, one)| times(one));
+    rows.number("bits", |(_, one)| format!("{:.1}", one.bits));
+    rows.words("largest motion of outputs", |(_, one)| motion(model, &one.excursions));
+    let mut known = known(&found.outlook);
+    known.number("after all", |o| part(o.value, o.then.last().copied().flatten()));
+    let now = found.undetermined_now.iter().map(|d| format!("not determined so far: {}", d.sentence));
+    let then = found.undetermined_then.iter().map(|d| format!("not determined by these experiments: {}", d.sentence));
+    Section::new("design", "The next experiments").with(rows).with(known).lines(now.chain(then))
+}
+
+/// Sampling times in words; of many the first and the last.
+fn times(one: &Experiment) -> String {
+    let listed = |times: &[f64]| times.iter().map(|t| digits(*t, 4)).collect::<Vec<_>>().join(", ");
+    match &one.times[..] {
+        many @ [first, .., last] if many.len() > LISTED => {
+            format!("{} times, {} to {}", many.len(), digits(*first, 4), digits(*last, 4))
+        }
+        few => listed(few),
+    }
+}
+
+/// Sampling times on the response.
+fn course(k: usize, (planned, (at, response)): (&Experiment, &Drawn), model: &Model) -> Figure {
+    let outputs = &model.definition().outputs;
+    let q = outputs.len();
+    let panel = |(o, output): (usize, &fdm_grammar::model::Output)| {
+        let values: Vec<f64> = response.iter().skip(o).step_by(q).copied().collect();
+        let taken = at.iter().zip(&values).map(|(t, v)| if planned.times.contains(t) { *v } else { f64::NAN });
+        let name = &output.quantity.name;
+        let label = format!("{name}{}", bracketed(output.quantity.unit.as_ref().map(ToString::to_string).as_deref()));
+        let marks =
+            vec![Mark::dots("samples", Look::Residual, taken.collect()), Mark::line("model", Look::Model, values)];
+        Panel::new(label, 110, marks)
+    };
+    let level = |l: &fdm_results::documents::design::Level| format!("{} {}", l.name, digits(l.value, 4));
+    let levels = planned.levels.iter().map(level).collect::<Vec<_>>().join(", ");
+    let caption =
+        if levels.is_empty() { format!("experiment {}", k + 1) } else { format!("experiment {}: {levels}", k + 1) };
+    let time = format!("t{}", bracketed(Some(&model.definition().time.to_string())));
+    Figure::new(format!("samples-{}", k + 1), caption, time, at.clone())
+        .with_all(outputs.iter().enumerate().map(panel).collect())
+        .in_group("samples")
+}
+
+fn counted(count: usize, what: &str) -> String {
+    format!("{count} {what}{}", if count == 1 { " is" } else { "s are" })
+}
+
+/// The parameter that is least known after all that is planned, as a sentence behind another.
+fn least_known(outlook: &[Outlook]) -> String {
+    let last = |o: &Outlook| o.then.last().copied().flatten().or(o.now.filter(|_| o.then.is_empty()));
+    let relative = |o: &&Outlook| last(o).map_or(f64::INFINITY, |e| e / o.value.abs());
+    let least = outlook.iter().max_by(|a, b| relative(a).total_cmp(&relative(b)));
+    least.map_or(String::new(), |o| format!(" Least known after them: {}, {}.", o.parameter, part(o.value, last(o))))
+}
+
 /// Parameters now and then, planned runs, the most informative manoeuvres, and what nothing would determine.
 pub fn design_table(design: &Design, model: &Model) -> String {
     text::sections(&[section(design, model)])
@@ -26,17 +124,11 @@ pub fn design_table(design: &Design, model: &Model) -> String {
 
 /// A page of planned runs.
 pub fn design_page(design: &Design, model: &Model, planned: &[Planned]) -> String {
-    let last = |o: &Outlook| o.then.last().copied().flatten().or(o.now.filter(|_| o.then.is_empty()));
-    let relative = |o: &&Outlook| last(o).map_or(f64::INFINITY, |e| e / o.value.abs());
-    let least = design.outlook.iter().max_by(|a, b| relative(a).total_cmp(&relative(b)));
-    let known = least
-        .map_or(String::new(), |o| format!(" Least known after them: {}, {}.", o.parameter, part(o.value, last(o))));
-    let count = design.steps.len();
-    let sentence = format!("{count} run{} planned.{known}", if count == 1 { " is" } else { "s are" });
+    let sentence = format!("{} planned.{}", counted(design.steps.len(), "run"), least_known(&design.outlook));
     let trust = if design.undetermined_then.is_empty() { Trust::Good } else { Trust::Reserved };
     let flown = Section::new("inputs", "What is flown")
         .with_all(planned.iter().enumerate().filter_map(|(k, (name, columns))| inputs(k, name, columns)));
-    let drawn = errors(design).map(|figure| {
+    let drawn = errors(&design.outlook, design.steps.len()).map(|figure| {
         let said = "One standard error of every parameter as a part of its value: by the runs so far, and after the planned ones.";
         Section::new("errors", "What is known").line(said).with(figure)
     });
@@ -53,21 +145,20 @@ pub fn design_page(design: &Design, model: &Model, planned: &[Planned]) -> Strin
 }
 
 /// Errors now, after the first planned run and after the last, parameter by parameter.
-fn errors(design: &Design) -> Option<Figure> {
+fn errors(outlook: &[Outlook], count: usize) -> Option<Figure> {
     let percent = |of: &dyn Fn(&Outlook) -> Option<f64>| -> Vec<f64> {
         let one = |o: &Outlook| of(o).map_or(f64::NAN, |e| 100.0 * e / o.value.abs());
-        design.outlook.iter().map(one).map(|v| if v.is_finite() { v } else { f64::NAN }).collect()
+        outlook.iter().map(one).map(|v| if v.is_finite() { v } else { f64::NAN }).collect()
     };
     let after = |k: usize| percent(&move |o: &Outlook| o.then.get(k).copied().flatten());
     let mut marks = vec![Mark::dots("by the runs so far", LOOKS[0], percent(&|o| o.now))];
-    let count = design.steps.len();
     marks.extend((count > 0).then(|| Mark::dots("after run 1", LOOKS[1], after(0))));
     marks.extend((count > 1).then(|| Mark::dots(&format!("after run {count}"), LOOKS[2], after(count - 1))));
     let any = marks.iter().flat_map(|m| &m.values).any(|v| v.is_finite());
     any.then(|| {
-        Figure::new("errors-1", "standard errors", "parameter", (1..=design.outlook.len()).map(|k| k as f64).collect())
+        Figure::new("errors-1", "standard errors", "parameter", (1..=outlook.len()).map(|k| k as f64).collect())
             .with(Panel::new("of the value [%]", 200, marks).logarithmic())
-            .named(design.outlook.iter().map(|o| o.parameter.clone()).collect())
+            .named(outlook.iter().map(|o| o.parameter.clone()).collect())
     })
 }
 
@@ -154,13 +245,19 @@ fn part(value: f64, error: Option<f64>) -> String {
     }
 }
 
-fn parameters<'a>(design: &'a Design, time: &str) -> Rows<&'a Outlook> {
-    let best = |o: &Outlook| o.best.and_then(|(k, error)| Some((design.gains.get(k)?, error)));
-    let mut table = Rows::over(&design.outlook);
+/// What is known of parameters so far.
+fn known(outlook: &[Outlook]) -> Rows<&Outlook> {
+    let mut table = Rows::over(outlook);
     table.name("parameter", |o| o.parameter.clone());
     table.number("value", |o| digits(o.value, 5));
     table.unit(|o| o.unit.clone());
     table.number("error now", |o| part(o.value, o.now));
+    table
+}
+
+fn parameters<'a>(design: &'a Design, time: &str) -> Rows<&'a Outlook> {
+    let best = |o: &Outlook| o.best.and_then(|(k, error)| Some((design.gains.get(k)?, error)));
+    let mut table = known(&design.outlook);
     for k in 0..design.steps.len() {
         table.number(&format!("after run {}", k + 1), |o| part(o.value, o.then.get(k).copied().flatten()));
     }

@@ -1,5 +1,6 @@
 //! Reports as pages: one file that asks for no other, its sections with tables, figures and links between them.
 
+use super::page::figure::Figure;
 use super::page::number::unit;
 use super::section::{Cell, Column, Kind, Mark, Medium, Part, Point, Report, Section, Table, Trust, Verdict};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
@@ -118,7 +119,8 @@ fn part(part: &Part) -> Markup {
         Part::Heading(said) => html! { h3 { (quoted(said)) } },
         Part::List(items) => html! { @if !items.is_empty() { ul { @for item in items { li { (quoted(item)) } } } } },
         Part::Table(own) => table(own),
-        Part::Figure(figure) => figure.markup(),
+        // by itself it has the whole width, on paper too: one drawn for half of it would have labels of twice the size
+        Part::Figure(figure) => Figure { half: false, ..(**figure).clone() }.markup(),
         Part::Pair(figures) => html! { div.pair { @for figure in figures { (figure.clone().half().markup()) } } },
         Part::Folded { summary, open, class, parts: inside } => html! {
             details class=[Some(*class).filter(|c| !c.is_empty())] open[*open] { summary { (summary) } (parts(inside)) }

@@ -55,7 +55,7 @@ pub use calibration::calibration_text;
 pub use comparison::comparison_table;
 pub use confidence::confidence;
 pub use convergence::history_table;
-pub use design::{Planned, design_table, distinction_table};
+pub use design::{Drawn, Planned, design_table, distinction_table, experiments_table};
 pub use diagnosis::diagnosis_text;
 pub use diagnostic::render;
 pub use doctor::doctor_text;

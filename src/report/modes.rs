@@ -77,8 +77,16 @@ fn dials(modes: &[ModeDocument], time: &str) -> Vec<Part> {
     before.into_iter().chain(more).chain([table]).collect()
 }
 
+/// Real parts and errors below this part of the frequency are rounding, and 0.
+const ROUNDING: f64 = 1e-12;
+
+/// With so many digits, beside a frequency or another size.
+fn rounded(v: f64, significant: usize, size: f64) -> String {
+    digits(if v.abs() < ROUNDING * size { 0.0 } else { v }, significant)
+}
+
 fn table<'a>(modes: &'a [ModeDocument], time: &str) -> Rows<(usize, &'a ModeDocument)> {
-    let short = |v: Option<f64>| v.map_or(String::new(), |v| digits(v, 4));
+    let short = |v: Option<f64>| v.map_or(String::new(), |v| rounded(v, 4, 1.0));
     let mut table = Rows::over(modes.iter().filter(|m| m.im >= 0.0).enumerate());
     table.number("mode", |(k, _)| k + 1).on_page();
     let with = modes.iter().any(|m| m.standard_errors.is_some());
@@ -88,15 +96,15 @@ fn table<'a>(modes: &'a [ModeDocument], time: &str) -> Rows<(usize, &'a ModeDocu
         }
     };
     table.number("eigenvalue", |(_, m)| match m.im != 0.0 {
-        true => format!("{} ± {}j", digits(m.re, 5), digits(m.im, 5)),
-        false => digits(m.re, 5),
+        true => format!("{} ± {}j", rounded(m.re, 5, m.frequency), digits(m.im, 5)),
+        false => rounded(m.re, 5, m.frequency),
     });
     error(&mut table, |m, e| match m.im != 0.0 {
-        true => format!("{} and {}", digits(e.re, 3), digits(e.im, 3)),
-        false => digits(e.re, 3),
+        true => format!("{} and {}", rounded(e.re, 3, m.frequency), digits(e.im, 3)),
+        false => rounded(e.re, 3, m.frequency),
     });
     table.number("damping", |(_, m)| short(m.damping));
-    error(&mut table, |_, e| digits(e.damping, 3));
+    error(&mut table, |_, e| rounded(e.damping, 3, 1.0));
     table.number(&format!("frequency [rad/{time}]"), |(_, m)| digits(m.frequency, 5));
     error(&mut table, |_, e| digits(e.frequency, 3));
     table.number(&format!("half [{time}]"), |(_, m)| short(m.time_to_half));
@@ -140,9 +148,10 @@ fn plane(roots: &[Root], time: &str) -> Markup {
     let size = roots.iter().map(|r| r.re.hypot(r.im)).fold(0.0, f64::max);
     // an ellipse that is larger than everything else would hide it
     let reach = |r: &Root, k: usize| r.spread.map_or(0.0, |s| (2.0 * s[k].sqrt()).min(size));
-    let re: Vec<f64> = roots.iter().flat_map(|r| [r.re - reach(r, 0), r.re + reach(r, 0), 0.0]).collect();
-    // real eigenvalues alone have an imaginary axis too
-    let least = 0.3 * size;
+    // real eigenvalues alone have an imaginary axis too, and those on it a real one, else that would show rounding
+    let (least, beside) = (0.3 * size, 0.03 * size);
+    let re = roots.iter().flat_map(|r| [r.re - reach(r, 0), r.re + reach(r, 0)]).chain([beside, -beside]);
+    let re: Vec<f64> = re.collect();
     let im = roots.iter().flat_map(|r| [r.im - reach(r, 2), r.im + reach(r, 2)]).chain([least, -least]);
     let im: Vec<f64> = im.collect();
     let (x, y) = (Scale::around(re.iter(), 0.08, false), Scale::around(im.iter(), 0.08, false));

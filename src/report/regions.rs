@@ -7,6 +7,7 @@ use crate::page::number::bracketed;
 use crate::page::picture::Picture;
 use crate::page::scale::Scale;
 use fdm_estimate::ParameterEstimate;
+use fdm_results::documents::design::Experiments;
 use fdm_results::documents::profile::{End, Profile};
 use fdm_results::documents::sample::{ArvizDocument, SampleDocument};
 use fdm_results::documents::{FitDocument, with_run};
@@ -48,6 +49,8 @@ struct Axis {
 #[derive(Default)]
 struct Pair {
     region: Vec<(f64, f64)>,
+    /// What it was before planned experiments.
+    before: Vec<(f64, f64)>,
     /// Where the best fit goes when one of both is held.
     traces: Vec<Vec<(f64, f64)>>,
     draws: Vec<(f64, f64)>,
@@ -86,6 +89,35 @@ fn widened(p: &ParameterEstimate) -> f64 {
     let whole = p.interval().zip(p.error()).filter(|_| p.limit.is_none());
     let ratio = whole.map(|([low, high], error)| (high - low) / (2.0 * ALONE * error));
     ratio.filter(|r| r.is_finite() && *r >= 1.0).unwrap_or(1.0)
+}
+
+/// Ellipses before and after planned experiments.
+pub(crate) fn of_experiments(found: &Experiments) -> Option<Picture> {
+    let [before, after] = &found.covariance;
+    let entry = |of: &[Vec<Option<f64>>], i: usize, j: usize| of.get(i).and_then(|row| row.get(j).copied().flatten());
+    let known: Vec<usize> =
+        (0..found.outlook.len()).filter(|k| entry(after, *k, *k).is_some_and(|v| v > 0.0)).collect();
+    let spread = |of: &[Vec<Option<f64>>], i: usize, j: usize| {
+        let (a, b) = (known[i], known[j]);
+        Some([entry(of, a, a)?, entry(of, a, b)?, entry(of, b, b)?])
+    };
+    let correlation = |i: usize, j: usize| spread(after, i, j).map_or(0.0, |[a, b, c]| b / (a * c).sqrt());
+    let shown = most_correlated(known.len(), correlation);
+    let axes: Vec<Axis> = shown
+        .iter()
+        .map(|k| {
+            let o = &found.outlook[known[*k]];
+            axis(&o.parameter, o.unit.as_deref(), o.value, None)
+        })
+        .collect();
+    let pair = |i: usize, j: usize| {
+        let drawn = |of: &[Vec<Option<f64>>]| {
+            let centre = [axes[i].value, axes[j].value];
+            spread(of, shown[i], shown[j]).map_or_else(Vec::new, |spread| ellipse(centre, spread))
+        };
+        Pair { region: drawn(after), before: drawn(before), ..Pair::default() }
+    };
+    corner("regions", "joint confidence regions of 95 %: filled after these experiments, outlined before", &axes, pair)
 }
 
 /// Regions by the cost, from the profiles of both parameters and where the other goes along each.
@@ -300,7 +332,7 @@ fn corner(id: &str, caption: &str, axes: &[Axis], pair: impl Fn(usize, usize) ->
 /// Every point of a pair that has to be seen.
 fn all(pair: &Pair) -> impl Iterator<Item = (f64, f64)> + '_ {
     let traces = pair.traces.iter().flatten().filter(|_| pair.region.is_empty());
-    pair.region.iter().chain(&pair.draws).chain(traces).copied()
+    pair.region.iter().chain(&pair.before).chain(&pair.draws).chain(traces).copied()
 }
 
 /// A pair of axes on paper.
@@ -335,6 +367,7 @@ fn drawn(pair: &Pair, frame: &Frame, [a, b]: [&Axis; 2]) -> Markup {
         @if !pair.region.is_empty() {
             path class="bound band" d={ (frame.path(&pair.region)) "Z" } { title { (a.name) ", " (b.name) } }
         }
+        @if !pair.before.is_empty() { path class="measured line" d={ (frame.path(&pair.before)) "Z" } {} }
         @for (x, y) in pair.draws.iter().filter(|(x, y)| x.is_finite() && y.is_finite()) {
             circle class="dot residual" cx=(place(frame.across(*x))) cy=(place(frame.down(*y))) r="1" {}
         }

@@ -1,4 +1,4 @@
-//! `fdm design`: optimal input design: the manoeuvres of the next runs that reduce the standard errors most.
+//! `fdm design`: optimal design of the next runs, whose manoeuvres, or levels and sampling times, reduce the standard errors most.
 
 use crate::answer::{Answer, NamedFile};
 use crate::campaign::{RecordFile, Role, expanded};
@@ -14,11 +14,12 @@ use clap::Args;
 use fdm_estimate::{Noise, Status, initial_guess};
 use fdm_grammar::model::Quantity;
 use fdm_lab::design::{
-    Asked, Question, Rivals, Separation, Step, between as distinction, design as design_runs, table,
+    Asked, DesignSpace, Experiment, Factor, Place, Question, Rivals, Separation, Step, between as distinction,
+    design as design_runs, experiments as plan_experiments, sheet, table,
 };
 use fdm_lab::experiment::Amount;
-use fdm_report::page::design_page;
-use fdm_report::{Planned, design_table, distinction_table};
+use fdm_report::page::{design_page, experiments_page};
+use fdm_report::{Drawn, Planned, design_table, distinction_table, experiments_table};
 use fdm_results::store::ResultFolder;
 use fdm_system::Model;
 use fdm_system::record::Run;
@@ -53,10 +54,19 @@ pub struct Options {
     /// How far an output may move from where the run begins, by the model; manoeuvres are made smaller until it does not
     #[arg(long = "limit", value_name = "OUTPUT=VALUE", value_parser = amount, help_heading = "The next run")]
     limits: Vec<(String, Amount)>,
+    /// Plan experiments, not manoeuvres: the range of a condition or of an initial amount, in its unit or one of its own
+    /// (`--level T0=290..350`, `--level 'A0=0.1..2 mol/l'`); a `known` value, an input that is held, or a `per run` parameter
+    #[arg(long = "level", value_name = "NAME=LOW..HIGH", value_parser = range, conflicts_with_all = ["between", "amplitudes", "rates"],
+          help_heading = "The next run")]
+    levels: Vec<(String, [Amount; 2])>,
+    /// Plan experiments: how many samples are taken of each, at the best of the times that lie `--dt` apart [default: all]
+    #[arg(long, value_name = "N", conflicts_with_all = ["between", "amplitudes", "rates"], help_heading = "The next run",
+          value_parser = clap::value_parser!(u16).range(1..))]
+    samples: Option<u16>,
     /// Length of the next run, in the model's unit of time [default: that of the first run]
     #[arg(long, value_parser = number, value_name = "TIME", allow_negative_numbers = true, help_heading = "The next run")]
     duration: Option<f64>,
-    /// Time between its samples [default: that of the first run]
+    /// Time between its samples [default: that of the first run; of experiments, a hundredth of the length]
     #[arg(long, value_parser = number, value_name = "TIME", allow_negative_numbers = true, help_heading = "The next run")]
     dt: Option<f64>,
     /// Standard deviation of the noise of an output [default: what the result found, or the model declares]
@@ -112,6 +122,9 @@ pub fn design(
     conduct: &mut Conduct,
 ) -> Result<Answer, Failure> {
     let question = asked.question(model, folder, runs)?;
+    if asked.plans_experiments() {
+        return experiments(asked, question, conduct);
+    }
     conduct.progress.say("comparing manoeuvres");
     let found = design_runs(&question, conduct.progress.halt()).map_err(Failure::Input)?;
     let one = |(k, step): (usize, &Step)| table(&question, &step.manoeuvre, &run_name(k));
@@ -122,6 +135,23 @@ pub fn design(
         files.push(("page.html".into(), design_page(&found, model, &planned).into_bytes()));
     }
     let answer = Answer::of(design_table(&found, model), &found, conduct.wanted)?;
+    Ok(conduct.ended(Answer { files, ..answer }))
+}
+
+/// `--level`, `--samples`
+fn experiments(asked: &Options, question: Question<'_>, conduct: &mut Conduct) -> Result<Answer, Failure> {
+    let model = question.model;
+    let space = DesignSpace { factors: asked.factors(model)?, samples: asked.samples.map(usize::from), question };
+    conduct.progress.say("choosing levels and sampling times");
+    let (found, courses) = plan_experiments(&space, conduct.progress.halt()).map_err(Failure::Input)?;
+    let one = |(k, planned): (usize, &Experiment)| sheet(&space, planned, &run_name(k));
+    let tables = found.experiments.iter().enumerate().map(one);
+    let mut files: Vec<NamedFile> = tables.map(|table| (table.file(), table.bytes())).collect();
+    if conduct.wanted.files {
+        let drawn: Vec<Drawn> = courses.into_iter().map(|course| (course.time, course.response)).collect();
+        files.push(("page.html".into(), experiments_page(&found, model, &drawn).into_bytes()));
+    }
+    let answer = Answer::of(experiments_table(&found, model), &found, conduct.wanted)?;
     Ok(conduct.ended(Answer { files, ..answer }))
 }
 
@@ -196,14 +226,58 @@ impl Options {
         theta
     }
 
+    fn plans_experiments(&self) -> bool {
+        !self.levels.is_empty() || self.samples.is_some()
+    }
+
+    /// What experiments may be set to.
+    fn factors(&self, model: &Model) -> Result<Vec<Factor>, Failure> {
+        let definition = model.definition();
+        let inputs = definition.inputs.iter().enumerate().filter(|(_, i)| i.is_declared());
+        let inputs = inputs.map(|(k, i)| (Place::Input(k), &i.quantity));
+        let own = definition.params.iter().enumerate().filter(|(_, p)| p.per_run && !p.fixed);
+        let known: Vec<(Place, &Quantity)> = inputs.chain(own.map(|(k, p)| (Place::Param(k), &p.quantity))).collect();
+        let one = |(name, ends): &(String, [Amount; 2])| {
+            let found = known.iter().find(|(_, q)| q.name == *name || q.name == format!("{name}(0)"));
+            let Some((place, quantity)) = found else {
+                let state = definition.states.iter().any(|s| s.quantity.name == *name);
+                let near = did_you_mean(name, known.iter().map(|(_, q)| q.name.as_str()));
+                return Err(Failure::input([if state {
+                    format!(
+                        "`{name}` begins at what the model says; let each run bring it: `known {name}_0 per run; state {name} = {name}_0;`, and plan `{name}_0`"
+                    )
+                } else {
+                    format!(
+                        "--level {name}: the model has no known value, input or `per run` parameter of this name{near}"
+                    )
+                }]));
+            };
+            let [from, to] = [&ends[0], &ends[1]].map(|end| within(end, quantity, "--level"));
+            let unit = quantity.unit.as_ref().map(ToString::to_string);
+            Ok(Factor { name: name.clone(), unit, place: *place, range: [from?, to?] })
+        };
+        self.levels.iter().map(one).collect()
+    }
+
     fn question<'m>(
         &self,
         model: &'m Model,
         folder: Option<&ResultFolder>,
         runs: Vec<Run>,
     ) -> Result<Question<'m>, Failure> {
-        let m = model.definition().inputs.len();
+        let inputs = &model.definition().inputs;
+        let m = inputs.len();
         let first = runs.first();
+        let said = |name: &str| {
+            self.rest.iter().any(|(n, _)| n == name) || self.levels.iter().any(|(n, _)| n == name) || first.is_some()
+        };
+        let brought = inputs.iter().filter(|i| i.known && !said(&i.quantity.name)).map(|i| &i.quantity.name);
+        let missing: Vec<String> = brought
+            .map(|name| format!("nothing says what `{name}` is in the next runs: --rest {name}=VALUE, or --level {name}=LOW..HIGH to plan it"))
+            .collect();
+        if !missing.is_empty() {
+            return Err(Failure::Input(missing));
+        }
         let mut rest: Vec<f64> = (0..m).map(|k| first.and_then(|r| r.inputs.get(k).copied()).unwrap_or(0.0)).collect();
         for (k, value) in placed(model, "--rest", &self.rest)? {
             rest[k] = value;
@@ -212,11 +286,17 @@ impl Options {
             let values = runs.iter().flat_map(|run| column(&run.inputs, k, m));
             Some(values.map(|v| (v - rest[k]).abs()).fold(0.0, f64::max)).filter(|h| h.is_finite() && *h > 0.0)
         };
-        let mut amplitudes: Vec<Option<f64>> = (0..m).map(moved).collect();
+        let mut amplitudes: Vec<Option<f64>> = (0..m).map(|k| if inputs[k].known { None } else { moved(k) }).collect();
         if !self.amplitudes.is_empty() {
             amplitudes.fill(None);
         }
         for (k, value) in placed(model, "--amplitude", &self.amplitudes)? {
+            if inputs[k].known {
+                let name = &inputs[k].quantity.name;
+                return Err(Failure::input([format!(
+                    "`{name}` is the same in all samples of a run: plan it with --level {name}=LOW..HIGH"
+                )]));
+            }
             amplitudes[k] = Some(value);
         }
         let mut rates = vec![None; m];
@@ -228,7 +308,8 @@ impl Options {
         let last = |run: &Run| run.time.last().copied().filter(|t| *t > 0.0);
         let duration = self.duration.or(first.and_then(last));
         let apart = |run: &Run| Some(last(run)? / (run.len().max(2) - 1) as f64);
-        let dt = self.dt.or(first.and_then(apart));
+        let hundredth = duration.filter(|_| self.plans_experiments()).map(|length| length / 100.0);
+        let dt = self.dt.or(hundredth).or(first.and_then(apart));
         let (Some(duration), Some(dt)) = (duration, dt) else {
             return Err(Failure::input([
                 "give the length and the sampling interval of the next run with --duration and --dt, or a run with --data",
@@ -323,6 +404,17 @@ fn within(amount: &Amount, of: &Quantity, option: &str) -> Result<f64, Failure> 
 fn rate(text: &str) -> Result<(String, f64), String> {
     let (name, rate) = text.split_once('=').ok_or("expected INPUT=RATE")?;
     Ok((name.trim().to_string(), number(rate.trim())?))
+}
+
+/// `NAME=LOW..HIGH`, possibly with a unit.
+fn range(text: &str) -> Result<(String, [Amount; 2]), String> {
+    let (name, ends) = text.split_once('=').ok_or("expected NAME=LOW..HIGH")?;
+    let (low, high) = ends.split_once("..").ok_or("expected NAME=LOW..HIGH")?;
+    let high: Amount = high.trim().parse()?;
+    let low: Amount = low.trim().parse()?;
+    // a unit behind both holds for both
+    let low = Amount { unit: low.unit.or_else(|| high.unit.clone()), ..low };
+    Ok((name.trim().to_string(), [low, high]))
 }
 
 /// `INPUT=VALUE`, possibly with a unit.

@@ -143,6 +143,19 @@ fn blocks_before_and_behind_the_equations() {
     agree(&model, &runs, Frequencies::Grid { lowest: None, highest: Some(18.0) });
 }
 
+/// How many of the product a reaction makes, by which an output of its own is reached: the rate shows on the feed, the number on the product.
+#[test]
+fn a_stoichiometric_coefficient() {
+    let text = "model yields {
+        input feed; state A, B; param k = 1.3 in [0, 20], n = 2.4 in [0, 10], d = 0.7 in [0, 20];
+        reactions { A -> n*B : k*A; B -> 0 : d*B; }
+        der(A) = feed + reaction(A);
+        output A_m = A, B_m = B; }";
+    let model = Model::from_text("yields.fdm", text).unwrap();
+    let runs = records(&model, 2, (1200, 0.025), 0.05);
+    agree(&model, &runs, Frequencies::Grid { lowest: None, highest: Some(18.0) });
+}
+
 /// Without noise, on the grid and off it, the delay within the record's first seconds too.
 #[test]
 fn derivatives_of_inputs_are_exact_in_the_frequency_domain() {

@@ -3,6 +3,7 @@
 use fdm::Model;
 use fdm::estimate::{Changes, Fit, FitOptions, Work, fit};
 use fdm::record::{ReadOptions, Run, channels, read};
+use fdm::simulate::Simulator;
 use std::path::PathBuf;
 
 fn folder(system: &str) -> PathBuf {
@@ -85,6 +86,49 @@ fn gas_oil() {
 #[test]
 fn methanol() {
     from_poor_starts("methanol", |sum| sum <= 9.0224e-3);
+}
+
+/// Batches that begin with different amounts of B tell how many of it one A takes.
+#[test]
+fn a_stoichiometric_coefficient_is_recovered() {
+    let text = "model couples {
+        known B0 per run [mol/l]; state A [mol/l] = 1, B [mol/l] = B0, C [mol/l];
+        param k = 0.2 in [0, 10] [l/(mol*min)], n = 1 in [0.1, 5] [1];
+        time [min];
+        reactions { A + n*B -> C : k*A*B; }
+        output A_m [mol/l] = A, B_m [mol/l] = B, C_m [mol/l] = C;
+        noise A_m = 0.005, B_m = 0.005, C_m = 0.005; }";
+    let model = support::model(text);
+    let mut normal = support::Normal(5);
+    let mut batch = |b0: f64| {
+        let time: Vec<f64> = (0..25).map(|k| 0.5 * f64::from(k)).collect();
+        let mut run = Run {
+            name: format!("{b0}"),
+            inputs: vec![b0; time.len()],
+            held: vec![true],
+            measured: vec![0.0; 3 * time.len()],
+            input_gaps: vec![0],
+            stated: Vec::new(),
+            output_gaps: vec![0; 3],
+            time,
+        };
+        let mut truth = model.definition().start();
+        for (name, value) in [("k", 0.35), ("n", 1.6)] {
+            truth[model.definition().param(name).unwrap()] = value;
+        }
+        let mut y = run.measured.clone();
+        Simulator::new(model.dynamics(), &run, 8).unwrap().simulate(&truth, &mut y).unwrap();
+        run.measured = y.iter().map(|y| y + 0.005 * normal.next()).collect();
+        run
+    };
+    let runs = [batch(1.0), batch(2.0), batch(4.0)];
+    let options = FitOptions::default().with_declared_noise(&model);
+    let fit = fit(&model, &runs, &options, &Work::default()).unwrap();
+    for (name, value) in [("k", 0.35), ("n", 1.6)] {
+        let p = fit.estimate.parameter(name, None).unwrap();
+        let error = p.standard_error.unwrap();
+        assert!((p.value - value).abs() < 3.0 * error && error < 0.02 * value, "{name}: {} ± {error}", p.value);
+    }
 }
 
 #[test]

@@ -124,6 +124,18 @@ fn explicit_time_choices_and_functions() {
     check(&functions, &run(&functions, 30, 0.15), Steps::uneven(Scheme::Radau, [&[0.3, 1.0][..], &[0.1, 0.9, 1.0]]));
 }
 
+#[test]
+fn stoichiometric_coefficients_and_orders_of_reaction() {
+    let text = "model kinetics {
+        input u; param a0 = 1.2, k = 0.8, d = 0.5, n = 1.7, m = 0.6; state A = a0, B = 1.4, C;
+        let orders = (2 + B)^n;
+        reactions { A + n*B -> C : k*A*orders*0.1; 0 + C -> 2*m*A + B : d*C*(1.5 + u*0.1); }
+        output A_m = A, B_m = B, C_m = C; }";
+    let kinetics = model(text);
+    check(&kinetics, &run(&kinetics, 60, 0.1), 2);
+    check(&kinetics, &run(&kinetics, 30, 0.2), Steps::equal(Scheme::Radau, 1));
+}
+
 /// An integrator between stops that move with params, whose own sensitivity is that of the stop while it stands there; seen by another
 /// state, by outputs, with a delay, and by its derivative.
 const STOPS: &str = "model stops {

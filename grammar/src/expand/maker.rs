@@ -145,6 +145,11 @@ impl<'a> Maker<'a> {
         self.push(Expr::Name(name.into()), self.span)
     }
 
+    /// A name that stands in the text.
+    pub(super) fn named(&mut self, name: &Name) -> ExprRef {
+        self.push(Expr::Name(name.text.clone()), name.span)
+    }
+
     pub(super) fn binary(&mut self, sign: BinarySign, a: ExprRef, b: ExprRef) -> ExprRef {
         self.push(Expr::Binary(sign, a, b, self.span), self.span)
     }

@@ -1,20 +1,40 @@
 //! Reactions made equations: every species that is a state gets the balance of what the reactions make of it and take of it.
 //!
-//! **In** `A + 2*B -> C : k*A*B;`. **Out** `der(A) = -(k*A*B);` and its like, in the order of the text, so that numbers are those of the
-//! equations written by hand; `reaction(A)` in an equation of one's own; `arrhenius(k, E, T, T_ref)`. **Never** a balance that makes matter:
+//! **In** `A + 2*B -> C : k*A*B;`, or `n*B` with a param `n`. **Out** `der(A) = -(k*A*B);` and its like, in the order of the text, so that
+//! numbers are those of the equations written by hand; `reaction(A)` in an equation of one's own; `arrhenius(k, E, T, T_ref)`. **Never** a balance that makes matter:
 //! masses above zero must exist that every closed reaction keeps (stoichiometric consistency: Gevorgyan, Poolman, Fell,
 //! Bioinformatics 24, 2008).
 
 use super::maker::Maker;
 use crate::diagnostic::{Code, Diagnostic, nearest};
 use crate::source::Span;
-use crate::syntax::{BinarySign, Declaration, Expr, ExprRef, Made, Name, Reaction, Role, StatementKind, SyntaxTree};
+use crate::syntax::{
+    BinarySign, Declaration, Expr, ExprRef, Made, Name, Reaction, Role, StatementKind, SyntaxTree, Value,
+};
+use crate::unit::Unit;
 
 /// Molar gas constant, exact since 2019.
 const GAS_CONSTANT: f64 = 8.314_462_618_153_24;
 
-/// A share of a species in a balance: how many are made, and the rate.
-type Share = (f64, ExprRef);
+/// How far the start value of an estimated coefficient is moved before masses are sought: those that exist at one value only do not
+/// count. As a part of the value; far above the rounding of the search.
+const MOVED: f64 = 1e-3;
+
+/// A share of a species in a balance.
+struct Share {
+    /// How many are made.
+    count: f64,
+    /// The param that tells how many, times the count.
+    factor: Option<Name>,
+    rate: ExprRef,
+}
+
+/// What a reaction makes of a species.
+struct Net<'a> {
+    species: &'a Name,
+    count: f64,
+    factor: Option<&'a Name>,
+}
 
 /// What the reactions say of one species.
 struct Balance {
@@ -35,10 +55,17 @@ pub(super) fn reactions(tree: &mut SyntaxTree, findings: &mut Vec<Diagnostic>) {
     if own.is_empty() && calls.is_empty() {
         return;
     }
+    let declared = declared(tree);
     let mut balances: Vec<Balance> = Vec::new();
     for statement in &own {
         let StatementKind::Reactions(volume, list) = &statement.kind else { continue };
-        findings.extend(imbalance(list, statement.span));
+        let wrong: Vec<Diagnostic> = list.iter().flat_map(|r| coefficients(r, &declared)).collect();
+        if wrong.is_empty() {
+            findings.extend(imbalance(tree, list, statement.span, &declared));
+        }
+        // what was told is left out of the balances, or its units would be told as theirs
+        let told: Vec<Span> = wrong.iter().map(|finding| finding.span).collect();
+        findings.extend(wrong);
         for reaction in list {
             let mut maker = Maker::new(tree);
             maker.begin(maker.tree.span(reaction.forward));
@@ -46,7 +73,7 @@ pub(super) fn reactions(tree: &mut SyntaxTree, findings: &mut Vec<Diagnostic>) {
                 Some(reverse) => maker.binary(BinarySign::Subtract, reaction.forward, reverse),
                 None => reaction.forward,
             };
-            for (name, net) in net(reaction) {
+            for Net { species: name, count, factor } in net(reaction) {
                 if name.text.contains('[') {
                     let message =
                         format!("`{}` is an element of a vector, and a species has a name of its own", name.text);
@@ -54,11 +81,12 @@ pub(super) fn reactions(tree: &mut SyntaxTree, findings: &mut Vec<Diagnostic>) {
                     findings.push(Diagnostic::new(Code::BadReaction, name.span, message).hint(hint));
                     continue;
                 }
-                share(&mut balances, name, *volume, (net, rate), findings);
+                let factor = factor.filter(|factor| !told.contains(&factor.span)).cloned();
+                let own = Share { count, factor, rate };
+                share(&mut balances, name, *volume, own, findings);
             }
         }
     }
-    let declared = declared(tree);
     let mut named = Vec::new();
     for call in calls {
         match balance_of(tree, call, &balances) {
@@ -72,11 +100,9 @@ pub(super) fn reactions(tree: &mut SyntaxTree, findings: &mut Vec<Diagnostic>) {
     }
     for (k, balance) in balances.iter().enumerate() {
         let Balance { name, shares, volume } = balance;
-        let role = declared.iter().find(|(declared, _)| *declared == name.text).map(|(_, role)| *role);
+        let role = declared.iter().find(|(_, d)| d.name.text == name.text).map(|(role, _)| *role);
         // inputs, params and numbers are held by something else
-        if role.is_some_and(|role| role != Role::State)
-            || shares.iter().all(|(count, _)| *count == 0.0) && role.is_none()
-        {
+        if role.is_some_and(|role| role != Role::State) || shares.iter().all(|s| s.count == 0.0) && role.is_none() {
             continue;
         }
         let has_equation = equation_of(tree, &name.text);
@@ -121,31 +147,74 @@ fn share(
     }
 }
 
-/// How many of each species a reaction makes, in the order in which they stand.
-fn net(reaction: &Reaction) -> Vec<(&Name, f64)> {
-    let mut net: Vec<(&Name, f64)> = Vec::new();
+/// How many of each species a reaction makes, in the order in which they stand; by each param that tells how many for itself.
+fn net(reaction: &Reaction) -> Vec<Net<'_>> {
+    let mut net: Vec<Net<'_>> = Vec::new();
     for (side, sign) in [(&reaction.left, -1.0), (&reaction.right, 1.0)] {
-        for species in side {
-            match net.iter_mut().find(|(name, _)| name.text == species.name.text) {
-                Some((_, count)) => *count += sign * species.count,
-                None => net.push((&species.name, sign * species.count)),
+        for one in side {
+            let factor = one.factor.as_ref();
+            let same = |n: &&mut Net<'_>| {
+                n.species.text == one.name.text && n.factor.map(|f| &f.text) == factor.map(|f| &f.text)
+            };
+            match net.iter_mut().find(same) {
+                Some(n) => n.count += sign * one.count,
+                None => net.push(Net { species: &one.name, count: sign * one.count, factor }),
             }
         }
     }
     net
 }
 
+/// What is wrong with the coefficients of a reaction that are names.
+fn coefficients(reaction: &Reaction, declared: &[(Role, Declaration)]) -> Vec<Diagnostic> {
+    let factors = reaction.left.iter().chain(&reaction.right).filter_map(|species| species.factor.as_ref());
+    let one = |factor: &Name| {
+        // what is not declared, and what belongs to a submodel, is judged where names are
+        let (role, own) = declared.iter().find(|(_, d)| d.name.text == factor.text)?;
+        let name = &factor.text;
+        if *role != Role::Param {
+            let message =
+                format!("`{name}` is {}, and a stoichiometric coefficient is a number or a param", role.with_article());
+            let hint = format!("declare it with `param {name} = 2;`");
+            return Some(
+                Diagnostic::new(Code::WrongName, factor.span, message).label(own.name.span, "declared here").hint(hint),
+            );
+        }
+        let unit = own.unit.as_ref()?;
+        let wrong = Unit::parse(&unit.text).is_ok_and(|u| !u.is_one());
+        let message = format!("`{name}` is in {}, and a stoichiometric coefficient has no unit", unit.text);
+        wrong.then(|| {
+            Diagnostic::new(Code::UnitMismatch, factor.span, message)
+                .label(unit.span, "its unit")
+                .hint(format!("write `param {name} [1]`"))
+        })
+    };
+    factors.filter_map(one).collect()
+}
+
+/// The value that a coefficient starts at, where it is written as a number, moved where it is estimated.
+fn at_start(tree: &SyntaxTree, name: &str, declared: &[(Role, Declaration)]) -> Option<f64> {
+    let place = declared.iter().position(|(_, d)| d.name.text == name)?;
+    let own = &declared[place].1;
+    let Some(Value::Expr(value)) = own.value else { return None };
+    let Expr::Number(value) = *tree.expr(value) else { return None };
+    // roots of different numbers: several coefficients are not moved together
+    let moved = if own.fixed.is_some() { 0.0 } else { MOVED * (place as f64 + 2.0).sqrt() };
+    Some(value * (1.0 + moved))
+}
+
 /// `V*(-r1 + 2*r2)`, in the order of the text.
 fn sum(maker: &mut Maker<'_>, shares: &[Share], volume: Option<ExprRef>) -> ExprRef {
     let mut total: Option<ExprRef> = None;
-    for (count, rate) in shares.iter().filter(|(count, _)| *count != 0.0) {
-        let term = match count.abs() {
-            1.0 => *rate,
-            times => {
-                let times = maker.number(times);
-                maker.binary(BinarySign::Multiply, times, *rate)
-            }
-        };
+    for Share { count, factor, rate } in shares.iter().filter(|s| s.count != 0.0) {
+        let number = (count.abs() != 1.0).then(|| maker.number(count.abs()));
+        let factor = factor.as_ref().map(|factor| maker.named(factor));
+        let term = number
+            .into_iter()
+            .chain(factor)
+            .chain([*rate])
+            .reduce(|a, b| maker.binary(BinarySign::Multiply, a, b))
+            .unwrap_or(*rate);
         total = Some(match (total, *count > 0.0) {
             (None, true) => term,
             (None, false) => maker.minus(term),
@@ -158,7 +227,7 @@ fn sum(maker: &mut Maker<'_>, shares: &[Share], volume: Option<ExprRef>) -> Expr
         (Some(total), None) => total,
         // a catalyst stays what it is: nothing of the unit of its rates
         (None, _) => {
-            let rate = shares.first().map_or_else(|| maker.number(0.0), |(_, rate)| *rate);
+            let rate = shares.first().map_or_else(|| maker.number(0.0), |s| s.rate);
             let zero = maker.number(0.0);
             let nothing = maker.binary(BinarySign::Multiply, zero, rate);
             volume.map_or(nothing, |volume| maker.binary(BinarySign::Multiply, volume, nothing))
@@ -204,12 +273,10 @@ fn equation_of(tree: &SyntaxTree, state: &str) -> Option<Span> {
     })
 }
 
-/// Declared names and what they are.
-fn declared(tree: &SyntaxTree) -> Vec<(String, Role)> {
-    let of =
-        |(role, list): (Role, &[Declaration])| list.iter().map(|d| (d.name.text.clone(), role)).collect::<Vec<_>>();
+/// What is declared, and as what.
+fn declared(tree: &SyntaxTree) -> Vec<(Role, Declaration)> {
     let lists = tree.statements.iter().filter_map(|s| match &s.kind {
-        StatementKind::Declare(role, list) => Some(of((*role, list))),
+        StatementKind::Declare(role, list) => Some(list.iter().map(|d| (*role, d.clone()))),
         _ => None,
     });
     lists.flatten().collect()
@@ -268,13 +335,21 @@ fn arrhenius(tree: &mut SyntaxTree, findings: &mut Vec<Diagnostic>) {
 }
 
 /// Whether closed reactions make matter: there are no masses above zero that all of them keep.
-fn imbalance(list: &[Reaction], span: Span) -> Option<Diagnostic> {
-    let closed: Vec<&Reaction> = list.iter().filter(|r| !r.is_open).collect();
-    let nets: Vec<Vec<(&Name, f64)>> = closed.iter().map(|r| net(r)).collect();
+fn imbalance(tree: &SyntaxTree, list: &[Reaction], span: Span, declared: &[(Role, Declaration)]) -> Option<Diagnostic> {
+    let counted = |r| -> Option<Vec<(&str, f64)>> {
+        let one = |Net { species, count, factor }| {
+            let factor = factor.map_or(Some(1.0), |factor: &Name| at_start(tree, &factor.text, declared))?;
+            Some((species.text.as_str(), count * factor))
+        };
+        // what is not a number yet may keep any mass
+        net(r).into_iter().map(one).collect()
+    };
+    let (closed, nets): (Vec<&Reaction>, Vec<_>) =
+        list.iter().filter(|r| !r.is_open).filter_map(|r| Some((r, counted(r)?))).unzip();
     let mut names: Vec<&str> = Vec::new();
     for (name, _) in nets.iter().flatten() {
-        if !names.contains(&name.text.as_str()) {
-            names.push(&name.text);
+        if !names.contains(name) {
+            names.push(name);
         }
     }
     if names.is_empty() || names.len() * closed.len() > 1 << 16 {
@@ -283,7 +358,7 @@ fn imbalance(list: &[Reaction], span: Span) -> Option<Diagnostic> {
     let rows: Vec<Vec<f64>> = nets
         .iter()
         .map(|net| {
-            let count = |name: &&str| net.iter().find(|(n, _)| n.text == **name).map_or(0.0, |(_, count)| *count);
+            let count = |name: &&str| net.iter().filter(|(n, _)| n == name).map(|(_, count)| count).sum::<f64>();
             names.iter().map(count).collect()
         })
         .collect();
@@ -396,6 +471,33 @@ mod tests {
              der(A) = q*(1 - A) + -(k*A); der(B) = k*A; der(C) = kd*A; der(X) = 0; }}"
         ));
         assert_eq!(made, hand);
+    }
+
+    #[test]
+    fn a_param_may_tell_how_many_react() {
+        let declared = format!("{DECLARED} param n = 2, m = 1 in [0, 3];");
+        let made = rates(&format!("{declared} reactions {{ A + n*B -> C : k1*A*B; C + 2*m*X -> 3*m*X : kf*C; }} }}"));
+        let hand = rates(&format!(
+            "{declared} der(A) = -(k1*A*B); der(B) = -(n*(k1*A*B)); der(C) = k1*A*B - kf*C;
+             der(X) = m*(kf*C); }}"
+        ));
+        assert_eq!(made, hand);
+        let refused = |reactions: &str, n: &str| {
+            let text = format!(
+                "model m {{ state A = 1, B, C; param k = 1, n = {n}; reactions {{ {reactions} }} output y = B; }}"
+            );
+            let said = crate::compile(&Source::new("test.fdm", &text)).err().unwrap_or_default();
+            said.iter().any(|d| d.code == Code::BadReaction)
+        };
+        // masses exist for n = 2 only: an estimate would leave it, a fixed number does not
+        let twice = "A -> 2*B : k*A; A -> n*B : k*A;";
+        assert_eq!([refused(twice, "2"), refused(twice, "2 fixed"), refused(twice, "3 fixed")], [true, false, true]);
+        // growth by a yield below one makes nothing
+        let growth = "A + B -> n*B : k*A;";
+        assert_eq!(
+            [refused(growth, "1.4"), refused(growth, "0.4"), refused("A + n*B -> C : k*A;", "0.4")],
+            [false, true, false]
+        );
     }
 
     #[test]

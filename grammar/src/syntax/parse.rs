@@ -137,7 +137,7 @@ fn want(rule: Rule) -> Option<Want> {
         Rule::word_model => Want::Model,
         Rule::EOI => Want::End,
         Rule::statement | Rule::declare | Rule::equation | Rule::time | Rule::role => Want::Statement,
-        Rule::species | Rule::side | Rule::portion | Rule::reaction | Rule::nothing => Want::Name,
+        Rule::species | Rule::factor | Rule::side | Rule::portion | Rule::reaction | Rule::nothing => Want::Name,
         Rule::arrow => Want::Arrow,
         Rule::reactions
         | Rule::prior
@@ -293,9 +293,9 @@ impl<'a> Build<'a> {
         })
     }
 
-    /// `2*B`
+    /// `2*B`, `n*B`
     fn species(&mut self, pair: Pair<Rule>) -> Option<Species> {
-        let (mut name, mut count) = (None, 1.0);
+        let (mut name, mut count, mut factor) = (None, 1.0, None);
         for part in pair.into_inner() {
             let place = span(&part, self.offset);
             match part.as_rule() {
@@ -308,13 +308,14 @@ impl<'a> Build<'a> {
                         self.sound = false;
                     }
                 }
+                Rule::factor => factor = Some(word(&part, self.offset, 0)),
                 Rule::target => name = Some(word(&part, self.offset, 0)),
                 _ => {}
             }
         }
         let mut name = name?;
         name.text.retain(|c| !c.is_whitespace());
-        Some(Species { name, count })
+        Some(Species { name, count, factor })
     }
 
     /// `a ~ normal(mean, deviation)`

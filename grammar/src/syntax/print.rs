@@ -221,9 +221,10 @@ impl<'a> Printer<'a> {
     }
 
     fn reaction(&self, reaction: &Reaction) -> String {
-        let one = |s: &Species| match s.count {
-            1.0 => s.name.text.clone(),
-            count => format!("{count}*{}", s.name.text),
+        let one = |s: &Species| {
+            let count = if s.count == 1.0 { String::new() } else { format!("{}*", s.count) };
+            let factor = s.factor.as_ref().map_or(String::new(), |name| format!("{}*", name.text));
+            format!("{count}{factor}{}", s.name.text)
         };
         let side = |list: &[Species], open: bool| {
             let nothing = (open || list.is_empty()).then(|| "0".to_string());

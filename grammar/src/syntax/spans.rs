@@ -81,7 +81,10 @@ fn of_statement(kind: &mut StatementKind, visit: &mut impl FnMut(&mut Span)) {
         StatementKind::Reactions(_, list) => {
             for reaction in list {
                 visit(&mut reaction.span);
-                reaction.left.iter_mut().chain(&mut reaction.right).for_each(|s| visit(&mut s.name.span));
+                for species in reaction.left.iter_mut().chain(&mut reaction.right) {
+                    visit(&mut species.name.span);
+                    optional(&mut species.factor, visit);
+                }
             }
         }
         StatementKind::Equation(..) | StatementKind::Prior(_) => {}

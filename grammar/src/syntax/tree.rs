@@ -482,13 +482,15 @@ pub struct Reaction {
     pub span: Span,
 }
 
-/// `2*B`: so many of a species.
+/// `2*B`, `n*B`: so many of a species.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Species {
     /// Its name.
     pub name: Name,
     /// How many.
     pub count: f64,
+    /// The param that tells how many, times the count.
+    pub factor: Option<Name>,
 }
 
 /// One statement.

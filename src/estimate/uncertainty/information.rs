@@ -5,7 +5,7 @@
 
 use crate::iteration::evaluation::{NormalEquations, NotFinite};
 use crate::problem::response::RunResponse;
-use crate::problem::unknowns::DerivedQuantities;
+use crate::problem::unknowns::{DerivedQuantities, Unknowns};
 use crate::problem::{Problem, ProblemRun};
 use crate::uncertainty::identifiability::{Direction, undetermined};
 use fdm_numeric::quadratic::Inverse;
@@ -83,20 +83,9 @@ impl Information {
         let definition = model.definition();
         let (mut prepared, mut responses) = (Vec::with_capacity(runs.len()), Vec::with_capacity(runs.len()));
         for (run, theta) in runs.iter().zip(thetas) {
-            let name = || run.name.clone();
-            let unsuited = |reason| NoInformation::Unsuited { run: name(), reason };
-            let steps = choose_steps(model.dynamics(), run, theta, &StepOptions::default()).map_err(unsuited)?;
-            if steps.error.is_finite() && steps.error > UNSOUND {
-                return Err(NoInformation::Inaccurate { run: name(), error: steps.error });
-            }
-            let mut simulator = Simulator::new(model.dynamics(), run, steps.steps).map_err(unsuited)?;
-            simulator.suits(theta).map_err(unsuited)?;
-            let mut response = vec![0.0; run.measured.len()];
-            let simulated = simulator.simulate(theta, &mut response);
-            simulated.map_err(|d| NoInformation::RunsAway { run: name(), time: d.time })?;
+            let (run, response) = simulated(model, run, theta)?;
+            prepared.push(run);
             responses.push(response);
-            let (name, measured, start) = (name(), run.measured.clone(), theta.clone());
-            prepared.push(ProblemRun { name, response: RunResponse::in_time(simulator), measured, start });
         }
         let derived = DerivedQuantities::of(definition, model.dynamics());
         let mut problem = Problem::new(definition, prepared, derived);
@@ -149,6 +138,15 @@ impl Information {
         errors
     }
 
+    /// The covariance of the parameters, were they estimated from this (P by P); none of those that are not determined.
+    pub fn covariance(&self) -> Vec<Vec<Option<f64>>> {
+        let (scale, inverse, determined, _) = self.inverted();
+        let size = self.names.len();
+        let known = |j: &usize| inverse.chosen.iter().position(|c| c == j).is_some_and(|k| determined[k]);
+        let entry = |i: usize, j: usize| (known(&i) && known(&j)).then(|| inverse.covariance(&scale, (i, j)));
+        (0..size).map(|i| (0..size).map(|j| entry(i, j)).collect()).collect()
+    }
+
     /// Combinations that this does not determine, in words.
     pub fn undetermined(&self) -> Vec<Direction> {
         self.inverted().3
@@ -172,6 +170,87 @@ impl Information {
         });
         let eigenvalues = scaled.symmetric_eigenvalues();
         0.5 * eigenvalues.iter().map(|v| v.max(1.0).log2()).sum::<f64>()
+    }
+}
+
+/// A run ready to be differentiated, and its response (N by q).
+fn simulated<'a>(model: &'a Model, run: &'a Run, theta: &[f64]) -> Result<(ProblemRun<'a>, Vec<f64>), NoInformation> {
+    let name = || run.name.clone();
+    let unsuited = |reason| NoInformation::Unsuited { run: name(), reason };
+    let steps = choose_steps(model.dynamics(), run, theta, &StepOptions::default()).map_err(unsuited)?;
+    if steps.error.is_finite() && steps.error > UNSOUND {
+        return Err(NoInformation::Inaccurate { run: name(), error: steps.error });
+    }
+    let mut simulator = Simulator::new(model.dynamics(), run, steps.steps).map_err(unsuited)?;
+    simulator.suits(theta).map_err(unsuited)?;
+    let mut response = vec![0.0; run.measured.len()];
+    let simulated = simulator.simulate(theta, &mut response);
+    simulated.map_err(|d| NoInformation::RunsAway { run: name(), time: d.time })?;
+    let (measured, start) = (run.measured.clone(), theta.to_vec());
+    Ok((ProblemRun { name: name(), response: RunResponse::in_time(simulator), measured, start }, response))
+}
+
+/// What each sample of a run tells, before it is known which of them are taken.
+#[derive(Debug, Clone)]
+pub struct SampleInformation {
+    nothing: Information,
+    /// J'R^-1 J of every sample by the shared parameters, then those of the run (U by U).
+    samples: Vec<DMatrix<f64>>,
+    /// The response (N by q).
+    pub response: Vec<f64>,
+}
+
+impl SampleInformation {
+    /// Of a run with all its parameters (p), by white noise of these standard deviations (q).
+    ///
+    /// # Errors
+    /// As [`Information::of`].
+    pub fn of(model: &Model, run: &Run, theta: &[f64], deviations: &[f64]) -> Result<Self, NoInformation> {
+        let (prepared, response) = simulated(model, run, theta)?;
+        let mut problem = Problem::new(model.definition(), vec![prepared], DerivedQuantities::none());
+        let unknowns = Unknowns::new(&problem);
+        let width = unknowns.columns.len();
+        let mut samples = vec![DMatrix::zeros(width, width); run.len()];
+        let mut lane = DVector::zeros(width);
+        let sensitivities = problem.runs[0].response.sensitivities(theta, &unknowns.columns, &mut |block| {
+            for sample in 0..block.samples() {
+                for (o, output) in block.layout.outputs.iter().enumerate() {
+                    lane.fill(0.0);
+                    for (column, slope) in output.columns.iter().zip(block.row(sample, o)) {
+                        lane[unknowns.position(0, *column as usize)] = slope / deviations[o];
+                    }
+                    samples[block.first + sample].ger(1.0, &lane, &lane, 1.0);
+                }
+            }
+        });
+        sensitivities.map_err(|d| NoInformation::RunsAway { run: run.name.clone(), time: d.time })?;
+        if samples.iter().any(|m| m.iter().any(|v| !v.is_finite())) {
+            return Err(NoInformation::NotFinite { run: run.name.clone() });
+        }
+        let nothing = Information::prior(model);
+        let size = nothing.names.len();
+        Ok(Self { nothing: Information { matrix: DMatrix::zeros(size, size), ..nothing }, samples, response })
+    }
+
+    /// Number of samples.
+    pub fn len(&self) -> usize {
+        self.samples.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.samples.is_empty()
+    }
+
+    /// What the run tells where only these samples are taken.
+    ///
+    /// # Panics
+    /// When there is no such sample.
+    pub fn taken(&self, samples: &[usize]) -> Information {
+        let shared = self.nothing.names.len();
+        let width = self.samples.first().map_or(shared, DMatrix::nrows);
+        let sum = samples.iter().fold(DMatrix::zeros(width, width), |sum, k| sum + &self.samples[*k]);
+        Information { matrix: without(&sum, shared), ..self.nothing.clone() }
     }
 }
 
@@ -415,6 +494,20 @@ mod tests {
             assert!((own / other - 1.0).abs() < 1e-6, "{name}: {own} and {other}");
         }
         assert!(told.undetermined().is_empty());
+    }
+
+    #[test]
+    fn samples_together_tell_what_the_run_does() {
+        let model = Model::from_text("m.fdm", TEXT).unwrap();
+        let (run, theta) = (run("a", 1.0), model.definition().start());
+        let whole =
+            Information::of(&model, std::slice::from_ref(&run), std::slice::from_ref(&theta), &[0.1, 0.2]).unwrap().0;
+        let samples = SampleInformation::of(&model, &run, &theta, &[0.1, 0.2]).unwrap();
+        let all = samples.taken(&(0..samples.len()).collect::<Vec<_>>());
+        assert!((all.matrix() - whole.matrix()).norm() < 1e-9 * whole.matrix().norm());
+        for (row, error) in all.covariance().iter().enumerate().map(|(k, row)| (row[k], all.errors()[k])) {
+            assert!((row.unwrap().sqrt() / error.unwrap() - 1.0).abs() < 1e-12);
+        }
     }
 
     #[test]

@@ -92,7 +92,7 @@ pub(super) fn excursions(response: &[f64], q: usize) -> Vec<f64> {
 }
 
 /// What counts as knowing nothing but the size of a parameter: its value, or where that is 0 half its bounds, or 1.
-fn sizes(question: &Question<'_>) -> Vec<f64> {
+pub(super) fn sizes(question: &Question<'_>) -> Vec<f64> {
     let params = question.model.definition().params.iter().zip(&question.theta);
     let size = |(p, value): (&fdm_grammar::model::Param, &f64)| {
         let width = 0.5 * (p.upper - p.lower);
@@ -120,7 +120,12 @@ fn planned(now: &Information, told: &[Told], sizes: &[f64], runs: usize) -> (Vec
     (steps, after)
 }
 
-fn outlook(question: &Question<'_>, now: &Information, after: &[Information], gains: &[Gain]) -> Vec<Outlook> {
+pub(super) fn outlook(
+    question: &Question<'_>,
+    now: &Information,
+    after: &[Information],
+    gains: &[Gain],
+) -> Vec<Outlook> {
     let params = question.model.definition().params.iter().zip(&question.theta);
     let (errors, then) = (now.errors(), after.iter().map(Information::errors).collect::<Vec<_>>());
     let free = params.filter(|(p, _)| !p.fixed && !p.per_run).enumerate();
@@ -206,6 +211,32 @@ pub enum Asked {
         /// How many that makes.
         samples: f64,
     },
+    /// Ends of a range that is none.
+    #[error("the levels of `{name}` go from {from} to {to}: the first is to be the lower one")]
+    Range {
+        /// Of what.
+        name: String,
+        /// Its ends.
+        from: f64,
+        /// The upper one.
+        to: f64,
+    },
+    /// More samples than there are times.
+    #[error("{samples} samples are to be taken at {times} times: a smaller --dt makes more of them")]
+    Taken {
+        /// Samples.
+        samples: usize,
+        /// Times of the grid.
+        times: usize,
+    },
+    /// A grid that is none, or too fine.
+    #[error("times are sought among {times}; from 1 to {most} are possible: change --duration or --dt")]
+    Grid {
+        /// Times of the grid.
+        times: f64,
+        /// How many there may be.
+        most: f64,
+    },
     /// A height or deviation that is none.
     #[error("{what} is {value}; a finite number above 0 is needed")]
     Size {
@@ -257,14 +288,16 @@ impl Question<'_> {
     pub(super) fn examine(&self) -> Result<(), Vec<Asked>> {
         let definition = self.model.definition();
         let mut found = Vec::new();
-        if definition.inputs.is_empty() {
-            found.push(Asked::NoInput { model: definition.name.clone() });
+        // what a run brings stays as it is
+        let mut moved = definition.inputs.iter().filter(|i| !i.known);
+        match moved.next() {
+            None => found.push(Asked::NoInput { model: definition.name.clone() }),
+            Some(first) if self.heights.iter().all(Option::is_none) => {
+                found.push(Asked::Still { input: first.quantity.name.clone() });
+            }
+            Some(_) => {}
         }
-        let hidden = definition.inputs.iter().filter(|i| !i.is_declared());
-        found.extend(hidden.map(|i| Asked::Hidden { input: i.quantity.name.clone() }));
-        if let (Some(first), true) = (definition.inputs.first(), self.heights.iter().all(Option::is_none)) {
-            found.push(Asked::Still { input: first.quantity.name.clone() });
-        }
+        found.extend(self.examine_parts());
         let samples = self.duration / self.dt + 1.0;
         if !(FEWEST..=MOST).contains(&samples) {
             found.push(Asked::Samples { duration: self.duration, dt: self.dt, samples: samples.round() });
@@ -274,14 +307,23 @@ impl Question<'_> {
             let what = format!("the fastest motion of `{}`", input.quantity.name);
             found.extend(rate.filter(|v| bad(*v)).map(|value| Asked::Size { what, value }));
         }
-        for (output, limit) in definition.outputs.iter().zip(&self.limits) {
-            let what = format!("the limit of `{}`", output.quantity.name);
-            found.extend(limit.filter(|v| bad(*v)).map(|value| Asked::Size { what, value }));
-        }
         for (input, height) in definition.inputs.iter().zip(&self.heights) {
             let value = height.unwrap_or(1.0).abs();
             let what = format!("the height of `{}`", input.quantity.name);
             found.extend(bad(value).then_some(Asked::Size { what, value }));
+        }
+        if found.is_empty() { Ok(()) } else { Err(found) }
+    }
+
+    /// What is wrong whatever is planned.
+    pub(super) fn examine_parts(&self) -> Vec<Asked> {
+        let definition = self.model.definition();
+        let hidden = definition.inputs.iter().filter(|i| !i.is_declared());
+        let mut found: Vec<Asked> = hidden.map(|i| Asked::Hidden { input: i.quantity.name.clone() }).collect();
+        let bad = |v: f64| !(v.is_finite() && v > 0.0);
+        for (output, limit) in definition.outputs.iter().zip(&self.limits) {
+            let what = format!("the limit of `{}`", output.quantity.name);
+            found.extend(limit.filter(|v| bad(*v)).map(|value| Asked::Size { what, value }));
         }
         for (output, value) in definition.outputs.iter().zip(&self.deviations) {
             let what = format!("the noise of `{}`", output.quantity.name);
@@ -290,7 +332,36 @@ impl Question<'_> {
         if !definition.params.iter().any(|p| !p.fixed && !p.per_run) {
             found.push(Asked::NothingFree { model: definition.name.clone() });
         }
-        if found.is_empty() { Ok(()) } else { Err(found) }
+        found
+    }
+
+    /// A run whose inputs stay where they are (m), without a measurement: every output counts at every sample.
+    pub(super) fn resting(&self, name: &str, inputs: &[f64]) -> Run {
+        let definition = self.model.definition();
+        let (n, m, q) = (self.samples(), definition.inputs.len(), definition.outputs.len());
+        let known = self.known.first().map(|(run, _)| run);
+        Run {
+            name: name.into(),
+            time: (0..n).map(|k| self.dt * k as f64).collect(),
+            inputs: inputs.repeat(n),
+            held: known.map_or_else(|| vec![false; m], |run| run.held.clone()),
+            measured: vec![0.0; n * q],
+            input_gaps: vec![0; m],
+            stated: known.map_or_else(Vec::new, |run| run.stated.clone()),
+            output_gaps: vec![0; q],
+        }
+    }
+
+    /// Times and inputs of a run as columns.
+    pub(super) fn columns(&self, run: &Run, name: &str) -> Table {
+        let definition = self.model.definition();
+        let m = definition.inputs.len();
+        let mut columns = vec![("t".to_string(), Some(definition.time.to_string()), run.time.clone())];
+        for (k, input) in definition.inputs.iter().enumerate() {
+            let unit = input.quantity.unit.as_ref().map(ToString::to_string);
+            columns.push((input.quantity.name.clone(), unit, run.inputs.iter().skip(k).step_by(m).copied().collect()));
+        }
+        Table { name: name.into(), columns }
     }
 }
 
@@ -365,7 +436,7 @@ fn signal(question: &Question<'_>, manoeuvre: &Manoeuvre) -> Option<Signal> {
 /// The run that a manoeuvre makes, without a measurement: every output counts at every sample.
 pub(super) fn run(question: &Question<'_>, manoeuvre: &Manoeuvre) -> Option<Run> {
     let definition = question.model.definition();
-    let (n, m, q) = (question.samples(), definition.inputs.len(), definition.outputs.len());
+    let (n, m) = (question.samples(), definition.inputs.len());
     let place = definition.inputs.iter().position(|i| i.quantity.name == manoeuvre.input)?;
     // nothing here is by chance
     let mut chance = Stream::named(0, &[]);
@@ -373,21 +444,10 @@ pub(super) fn run(question: &Question<'_>, manoeuvre: &Manoeuvre) -> Option<Run>
     if let Some(rate) = question.rates[place] {
         slew(&mut moved, rate * question.dt);
     }
-    let mut inputs: Vec<f64> = (0..n).flat_map(|_| question.rest.iter().copied()).collect();
+    let mut run = question.resting(&manoeuvre.words("s"), &question.rest);
     for (k, v) in moved.iter().enumerate() {
-        inputs[k * m + place] += v;
+        run.inputs[k * m + place] += v;
     }
-    let known = question.known.first().map(|(run, _)| run);
-    let run = Run {
-        name: manoeuvre.words("s"),
-        time: (0..n).map(|k| question.dt * k as f64).collect(),
-        inputs,
-        held: known.map_or_else(|| vec![false; m], |run| run.held.clone()),
-        measured: vec![0.0; n * q],
-        input_gaps: vec![0; m],
-        stated: known.map_or_else(Vec::new, |run| run.stated.clone()),
-        output_gaps: vec![0; q],
-    };
     Some(run.with_moves_held())
 }
 
@@ -420,30 +480,24 @@ pub(super) fn within_limits<T>(
     for part in SMALLER {
         let own = Manoeuvre { height: manoeuvre.height * part, ..manoeuvre.clone() };
         let (told, excursions) = tell(&own)?;
-        let outputs = &question.model.definition().outputs;
-        let over = outputs.iter().zip(&excursions).zip(&question.limits);
-        match over
-            .filter_map(|((o, moved), limit)| Some((o, moved, (*limit)?)))
-            .find(|(_, moved, limit)| **moved > *limit)
-        {
+        match exceeded(question, &excursions) {
             None => return Ok(Kept { manoeuvre: own, told, excursions }),
-            Some((o, moved, limit)) => {
-                reason = format!("`{}` moves by {moved:.3}, and may by {limit}", o.quantity.name);
-            }
+            Some(over) => reason = over,
         }
     }
     Err(reason)
 }
 
+/// The limit that outputs leave when they move so far (q), in words.
+pub(super) fn exceeded(question: &Question<'_>, excursions: &[f64]) -> Option<String> {
+    let outputs = question.model.definition().outputs.iter().zip(excursions).zip(&question.limits);
+    let (o, moved, limit) = outputs
+        .filter_map(|((o, moved), limit)| Some((o, moved, (*limit)?)))
+        .find(|(_, moved, limit)| **moved > *limit)?;
+    Some(format!("`{}` moves by {moved:.3}, and may by {limit}", o.quantity.name))
+}
+
 /// The inputs of the run as columns, ready to be flown.
 pub fn table(question: &Question<'_>, manoeuvre: &Manoeuvre, name: &str) -> Option<Table> {
-    let definition = question.model.definition();
-    let run = run(question, manoeuvre)?;
-    let m = definition.inputs.len();
-    let mut columns = vec![("t".to_string(), Some(definition.time.to_string()), run.time)];
-    for (k, input) in definition.inputs.iter().enumerate() {
-        let unit = input.quantity.unit.as_ref().map(ToString::to_string);
-        columns.push((input.quantity.name.clone(), unit, run.inputs.iter().skip(k).step_by(m).copied().collect()));
-    }
-    Some(Table { name: name.into(), columns })
+    Some(question.columns(&run(question, manoeuvre)?, name))
 }

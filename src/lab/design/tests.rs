@@ -86,6 +86,68 @@ fn impossible_questions_are_refused_with_all_reasons() {
     );
 }
 
+/// Experiments of one sample or two, at rest.
+fn space<'a>(model: &'a Model, range: Option<[f64; 2]>, runs: usize, samples: usize) -> DesignSpace<'a> {
+    let inputs = model.definition().inputs.len();
+    let question = Question {
+        rest: vec![0.0; inputs],
+        heights: vec![None; inputs],
+        deviations: vec![0.001],
+        duration: 6.0,
+        dt: 0.02,
+        runs,
+        ..question(model)
+    };
+    let factor = |range| Factor { name: "S".into(), unit: None, place: Place::Input(0), range };
+    DesignSpace { question, factors: range.into_iter().map(factor).collect(), samples: Some(samples) }
+}
+
+fn levels(found: &Experiments) -> Vec<f64> {
+    let mut levels: Vec<f64> = found.experiments.iter().map(|one| one.levels[0].value).collect();
+    levels.sort_by(f64::total_cmp);
+    levels
+}
+
+/// Two times of a decay (Box and Lucas 1959), two concentrations of an enzyme (Duggleby 1979).
+#[test]
+fn experiments_are_at_optima_known_in_closed_form() {
+    let decay = "model decay { param a = 2, k = 0.5; state y = a; der(y) = -k*y; output z = y; noise z = 0.001; }";
+    let model = Model::from_text("d.fdm", decay).unwrap();
+    let found = experiments(&space(&model, None, 1, 2), &Halt::default()).unwrap().0;
+    let times = &found.experiments[0].times;
+    assert!(times[0] == 0.0 && (times[1] / 2.0 - 1.0).abs() < 0.01, "{times:?}");
+    assert!(found.undetermined_now.len() == 2 && found.undetermined_then.is_empty());
+
+    let law = "model law { known S per run; param V = 3, Km = 0.5; output v = V*S/(Km + S); noise v = 0.001; }";
+    let model = Model::from_text("l.fdm", law).unwrap();
+    let asked = space(&model, Some([0.0, 5.0]), 2, 1);
+    let found = experiments(&asked, &Halt::default()).unwrap().0;
+    let half = 0.5 * 5.0 / (2.0 * 0.5 + 5.0);
+    let both = levels(&found);
+    assert!((both[0] / half - 1.0).abs() < 0.01 && both[1] == 5.0, "{both:?}");
+    assert!(found.outlook.iter().all(|o| o.now.is_none() && o.then[1].is_some()));
+    // a run that was made counts: only the other one is planned
+    let run = asked.question.resting("earlier", &[5.0]);
+    let known = vec![(run, asked.question.theta.clone())];
+    let question = Question { known, runs: 1, ..asked.question.clone() };
+    let next = experiments(&DesignSpace { question, ..asked }, &Halt::default()).unwrap().0;
+    assert!((levels(&next)[0] / half - 1.0).abs() < 0.01 && next.undetermined_now.len() == 1, "{:?}", next.experiments);
+}
+
+/// The best three are not the best one and what suits it: each is sought beside the others.
+#[test]
+fn experiments_are_exchanged_until_none_gets_better() {
+    let text =
+        "model curve { known S per run; param a = 1, b = 1, c = 1; output y = a + b*S + c*S^2; noise y = 0.001; }";
+    let model = Model::from_text("t.fdm", text).unwrap();
+    let asked = space(&model, Some([-1.0, 1.0]), 3, 1);
+    let three = levels(&experiments(&asked, &Halt::default()).unwrap().0);
+    // of a parabola: both ends and the middle
+    assert!(three[0] == -1.0 && three[1].abs() < 0.01 && three[2] == 1.0, "{three:?}");
+    let said = experiments(&DesignSpace { samples: Some(999), ..asked }, &Halt::default()).unwrap_err();
+    assert!(said[0].contains("999 samples") && said[0].contains("301 times"), "{said:?}");
+}
+
 const LINEAR: &str =
     "model linear { input u; state x = 0; param k = 2, g = 3; der(x) = -k*x + g*u; output y = x; noise y = 0.01; }";
 const CUBIC: &str = "model cubic { input u; state x = 0; param k = 2, g = 3, c = 0.05; der(x) = -k*x - c*x^3 + g*u;

@@ -21,7 +21,7 @@ pub(crate) mod thinning;
 
 pub use crate::calibration::calibration_page;
 pub use crate::comparison::comparison_page;
-pub use crate::design::design_page;
+pub use crate::design::{design_page, experiments_page};
 pub use crate::doctor::doctor_page;
 pub use crate::fit::fit_verdict;
 pub use crate::job::job_page;

@@ -144,3 +144,42 @@ impl Manoeuvre {
         }
     }
 }
+
+/// Experiments that are planned together: what they are set to, and when samples are taken.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct Experiments {
+    /// What is known of each parameter: now, and after each planned experiment.
+    pub outlook: Vec<Outlook>,
+    /// The covariance of the parameters (P by P): now, and after all of them; none of what is not determined.
+    pub covariance: [Vec<Vec<Option<f64>>>; 2],
+    /// Combinations that the runs so far do not determine.
+    pub undetermined_now: Vec<Direction>,
+    /// The planned experiments in their order.
+    pub experiments: Vec<Experiment>,
+    /// Combinations that they would not determine.
+    pub undetermined_then: Vec<Direction>,
+}
+
+/// A planned experiment.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct Experiment {
+    /// What it is set to.
+    pub levels: Vec<Level>,
+    /// When samples are taken, rising.
+    pub times: Vec<f64>,
+    /// Bits of information that it adds to the ones before it.
+    pub bits: f64,
+    /// Largest distance of each output from its first value (q).
+    pub excursions: Vec<f64>,
+}
+
+/// A condition or an initial amount, and what it is set to.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct Level {
+    /// Its name.
+    pub name: String,
+    /// Its unit.
+    pub unit: Option<String>,
+    /// What it is set to.
+    pub value: f64,
+}
