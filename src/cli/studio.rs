@@ -11,7 +11,7 @@ pub(crate) struct Arguments {
     #[arg(value_name = "FOLDER")]
     folder: Option<PathBuf>,
     /// Port on this machine [default: any that is free]
-    #[arg(long, value_name = "N", default_value_t = 0, allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true, allow_negative_numbers = true)]
     port: u16,
     /// Only print the address
     #[arg(long)]

@@ -118,8 +118,7 @@ impl Answer {
     /// Sends it, and ends the connection.
     pub(crate) fn send(&self, stream: &mut TcpStream) -> io::Result<()> {
         let length = format!("Content-Length: {}\r\n", self.body.len());
-        stream.write_all(head(self.status, self.kind, &length).as_bytes())?;
-        stream.write_all(&self.body)
+        stream.write_all(&[head(self.status, self.kind, &length).as_bytes(), &self.body].concat())
     }
 }
 
@@ -137,6 +136,8 @@ impl Request {
     pub(crate) fn read(stream: &mut TcpStream) -> Result<Self, Refusal> {
         stream.set_read_timeout(Some(TIMEOUT))?;
         stream.set_write_timeout(Some(TIMEOUT))?;
+        // a slider waits for each answer
+        stream.set_nodelay(true)?;
         let (begun, mut bytes, mut part) = (Instant::now(), Vec::new(), [0_u8; 4096]);
         loop {
             let count = stream.read(&mut part)?;

@@ -218,9 +218,8 @@ pub(crate) fn typed(words: &[String]) -> String {
 }
 
 /// Words with what the project adds.
-pub(crate) fn completed(completed: &Completed, words: &[&str], more: &[String]) -> Result<Vec<String>, Failure> {
-    let typed = words.iter().map(ToString::to_string).chain(more.iter().cloned());
-    completed(typed.collect())
+pub(crate) fn completed(completed: &Completed, words: &[&str]) -> Result<Vec<String>, Failure> {
+    completed(words.iter().map(ToString::to_string).collect())
 }
 
 /// A result folder of the project.

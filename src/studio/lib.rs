@@ -50,6 +50,8 @@ pub(crate) struct Studio {
     live: live::Live,
     results: results::Results,
     records: routes::Records,
+    /// A state of the folder, and the words of a simulation in it.
+    simulated: Mutex<(String, Vec<String>)>,
 }
 
 impl Studio {
@@ -97,6 +99,7 @@ impl Server {
             live: live::Live::default(),
             results: results::Results::default(),
             records: routes::Records::default(),
+            simulated: Mutex::default(),
         };
         Ok(Self { listener, studio: Arc::new(studio) })
     }

@@ -166,8 +166,7 @@ pub(crate) fn answer(
             let (_, kind, text) = found.ok_or_else(nothing)?;
             let body = text.as_bytes();
             let length = format!("{POLICY}Content-Length: {}\r\n", body.len());
-            stream.write_all(head(Status::Good, kind, &length).as_bytes())?;
-            stream.write_all(body)?;
+            stream.write_all(&[head(Status::Good, kind, &length).as_bytes(), body].concat())?;
             return Ok(None);
         }
         ("POST", ["text"]) => Answer::json(&studio.folder.write(&request.told::<Written>()?)?),
@@ -345,11 +344,17 @@ fn language(studio: &Studio, asked: &Place) -> Result<Answer, Refusal> {
 }
 
 fn simulate(studio: &Studio, asked: live::Asked) -> Result<Answer, Refusal> {
-    let words = completed(&studio.doors.completed, &["fdm", "simulate"], &[])?;
-    // whatever the words name is a file of the folder or stays as it is
-    let stamp =
-        studio.folder.files().iter().filter(|f| !f.path.starts_with(RESULTS)).map(|f| f.stamp.clone()).collect();
-    let words = words.into_iter().skip(2).collect();
+    let files = studio.folder.files();
+    let stamp: String = files.iter().filter(|f| !f.path.starts_with(RESULTS)).map(|f| f.stamp.as_str()).collect();
+    let words = {
+        // a slider asks many times between two changes of the project
+        let mut kept = studio.simulated.lock().unwrap_or_else(PoisonError::into_inner);
+        if kept.0 != stamp {
+            let words = completed(&studio.doors.completed, &["fdm", "simulate"])?;
+            *kept = (stamp.clone(), words.into_iter().skip(2).collect());
+        }
+        kept.1.clone()
+    };
     Ok(Answer::of("application/octet-stream", studio.live.respond(words, stamp, asked)?))
 }
 

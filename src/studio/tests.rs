@@ -108,7 +108,8 @@ impl Desk {
         let begun = Instant::now();
         loop {
             let state: serde_json::Value = serde_json::from_str(&self.good(self.get("state"))).unwrap();
-            let job = state["jobs"].as_array().unwrap().iter().find(|j| j["id"].as_u64() == id.parse().ok()).unwrap().clone();
+            let job =
+                state["jobs"].as_array().unwrap().iter().find(|j| j["id"].as_u64() == id.parse().ok()).unwrap().clone();
             if !job["ended"].is_null() {
                 return job.to_string();
             }

@@ -21,7 +21,7 @@ export class Editor {
     this.tip = h("div.tip", { role: "tooltip", hidden: true });
     this.inner = h("div.inner", {}, this.marks, this.paint, this.area, this.list, this.tip);
     this.element = h("div.editor", {}, this.lines, this.inner);
-    this.area.addEventListener("input", (e) => { this.show(); this.changed(this.area.value); if (/^[\w[]$/.test(e.data ?? "")) this.complete(); else this.close(); });
+    this.area.addEventListener("input", (e) => { this.show(); this.changed(this.area.value); if (/[\w[]$/.test(e.data ?? "")) this.complete(); else this.close(); });
     this.area.addEventListener("keydown", (e) => this.key(e));
     this.area.addEventListener("blur", () => setTimeout(() => this.close(), 150));
     this.area.addEventListener("mousemove", (e) => this.hover(e));

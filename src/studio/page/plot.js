@@ -129,7 +129,8 @@ export class Plot {
       const x = Math.round(this.x(this.hair)) + 0.5; g.moveTo(x, MARGIN.top); g.lineTo(x, bottom); g.stroke(); g.setLineDash([]);
     }
     if (this.dragged) { g.globalAlpha = 0.15; g.fillStyle = c.link; g.fillRect(Math.min(...this.dragged), MARGIN.top, Math.abs(this.dragged[1] - this.dragged[0]), bottom - MARGIN.top); g.globalAlpha = 1; }
-    this.took = performance.now() - begun;
+    // milliseconds of a drawing, to be looked at
+    own.dataset.took = (performance.now() - begun).toFixed(1);
   }
 
   // Samples in view, one more on each side.

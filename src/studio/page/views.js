@@ -234,7 +234,10 @@ export const model = () => {
   }));
   const start = latest(async () => {
     if (!path || !(project().data.length || project().runs) || project().model !== path) { sliders.replaceChildren(h("p.note", {}, project().model === path ? "Choose a record: its response is drawn here." : "This is not the model of the project.")); return; }
-    const answer = await post("simulate", { run: at, set: Object.entries(values), exact: true, measured: true }).catch((e) => { faults.textContent = e.message; });
+    const answer = await post("simulate", { run: at, set: Object.entries(values), exact: true, measured: true }).catch((e) => {
+      // mistakes of the text stand below it
+      faults.textContent = editor.findings.some((f) => f.error) ? "" : e.message;
+    });
     if (!answer) return;
     told = unpack(await answer.arrayBuffer());
     options(runs, told.runs.map((r, k) => [k, r]), at);
@@ -350,17 +353,16 @@ export const fit = () => {
   const update = (state) => {
     const fits = state.results.filter((r) => r.kind !== "diagnosis" && r.parameters.length);
     own = fits.some((r) => r.path === own) ? own : page.dataset.at?.startsWith("page") ? own : fits[0]?.path;
-    const key = JSON.stringify([fits.map((r) => [r.path, r.stamp]), own, [...compared]]);
+    const key = JSON.stringify([fits.map((r) => [r.path, r.stamp]), own]);
     if (list.dataset.key === key) return;
     list.dataset.key = key;
-    compare.disabled = compared.size !== 2;
     list.replaceChildren(...fits.map((r, k) => {
       const before = fits[k + 1], changed = before && details(`changed since ${before.path.replace(/.*\//, "")}`);
       changed?.addEventListener("toggle", () => attempt(async () => {
         const c = await read("changes", { then: before.path, now: r.path });
         changed.replaceChildren(changed.firstChild, c.model ? diff(c.model) : "", ...c.others.map((o) => h("p.note", {}, o)), c.model || c.others.length ? "" : h("p.note", {}, "nothing"));
       }), { once: true });
-      return h("li", { class: r.path === own ? "at" : "" }, h("div.tools", {}, h("input", { type: "checkbox", "aria-label": `compare ${r.path}`, checked: compared.has(r.path), change: (e) => { e.target.checked ? compared.add(r.path) : compared.delete(r.path); update(store.state); } }), button(r.path.replace(/^results\//, ""), () => { own = r.path; update(store.state); }, { class: "plain" })),
+      return h("li", { class: r.path === own ? "at" : "" }, h("div.tools", {}, h("input", { type: "checkbox", "aria-label": `compare ${r.path}`, checked: compared.has(r.path), change: (e) => { e.target.checked ? compared.add(r.path) : compared.delete(r.path); compare.disabled = compared.size !== 2; } }), button(r.path.replace(/^results\//, ""), () => { own = r.path; update(store.state); }, { class: "plain" })),
         h("p.note", {}, r.errors.map((e) => `${e.output}${r.errors.length > 1 ? ` (${e.run})` : ""} RMS ${shown(e.rms, 4)} ${e.unit ?? ""}`).join(", ")), h("p.says", {}, r.says), changed);
     }));
     const seen = fits.find((r) => r.path === own);
@@ -430,12 +432,13 @@ export const report = () => {
   const to = (kind, ending, ...more) => button(kind, () => give("export", () => [`--from-result=${own}`, `--to=${ending.split(".")[0]}`, ...more, `--output=${name()}.${ending.split(".")[1]}`]));
   const element = h("section.view.report-view", {}, h("div.tools", {}, of, button("Write the page", () => give("report", () => [own]), { class: "first" }), h("span.note", {}, "for other tools:"), to("FMU", "fmu.fmu"), to("C", "c.c"), to("Rust", "rust.rs"), to("JSBSim", "jsbsim.xml"), to("state space", "control.json")), said, page);
   const update = (state) => {
-    own = state.results.some((r) => r.path === own) ? own : state.results[0]?.path;
+    own = state.results.some((r) => r.path === own) ? own : (state.results.find((r) => r.parameters.length) ?? state.results[0])?.path;
     options(of, state.results.map((r) => [r.path, `${r.path.replace(/^results\//, "")}: ${r.kind}`]), own);
     const seen = state.results.find((r) => r.path === own);
     page.hidden = !seen;
     if (seen) point(page, result(seen));
-    for (const b of element.querySelectorAll(".tools button")) b.disabled = !seen;
+    // a diagnosis has no estimates to hand on
+    for (const b of element.querySelectorAll(".tools button")) b.disabled = !seen || (b.className !== "first" && !seen.parameters.length);
   };
   return { name: "Report", element, update };
 };
