@@ -39,6 +39,7 @@ mod sample;
 mod show;
 mod simulate;
 mod spectra;
+mod studio;
 mod subjects;
 mod trust;
 mod validate;
@@ -133,6 +134,8 @@ enum Verb {
     Plot(page::Plot),
     /// Show a result in a browser, also while a fit works on it
     Serve(page::Serve),
+    /// The application in a browser: records, model, fit, diagnosis
+    Studio(studio::Arguments),
 
     /// List candidate effects for a model, and where each fits
     Effects(effects::Arguments),
@@ -256,6 +259,7 @@ pub fn main_with(words: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Margins(a) => margins::run(a),
         Verb::Plot(a) => page::plot(a),
         Verb::Serve(a) => page::serve(a),
+        Verb::Studio(a) => studio::run(a),
         Verb::Effects(a) => effects::run(a),
         Verb::Extend(a) => effects::extend(a),
         Verb::Import(a) => import::run(a),

@@ -37,7 +37,7 @@ mod tests {
         let command = crate::command();
         let verbs: Vec<&str> = command.get_subcommands().map(Command::get_name).collect();
         let begins = GROUPS.map(|(_, first)| verbs.iter().position(|verb| *verb == first));
-        assert_eq!(begins, [Some(0), Some(12), Some(21)], "{verbs:?}");
+        assert_eq!(begins, [Some(0), Some(12), Some(22)], "{verbs:?}");
         let help = command.clone().render_help().to_string();
         for verb in &verbs {
             let line = help.lines().find(|line| line.trim_start().starts_with(&format!("{verb} ")));

@@ -27,7 +27,7 @@ pub(crate) fn page(report: &Report) -> String {
                 meta name="generator" content={ "fdm " (env!("CARGO_PKG_VERSION")) };
                 link rel="icon" href="data:,";
                 title { (title) }
-                style { (PreEscaped(face())) (PreEscaped(STYLE)) }
+                style { (PreEscaped(style())) }
             }
             body {
                 header {
@@ -56,10 +56,10 @@ pub(crate) fn page(report: &Report) -> String {
     markup.into_string()
 }
 
-/// The font of what formulas need beside letters.
-fn face() -> String {
+/// The style of all pages, behind the font of what formulas need beside letters.
+pub(crate) fn style() -> String {
     let font = base64(MATHEMATICS);
-    format!("@font-face {{ font-family: \"fdm mathematics\"; src: url(data:font/ttf;base64,{font}); }}\n")
+    format!("@font-face {{ font-family: \"fdm mathematics\"; src: url(data:font/ttf;base64,{font}); }}\n{STYLE}")
 }
 
 /// Links lead to the sections that the page has.

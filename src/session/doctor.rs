@@ -165,9 +165,14 @@ impl Options {
     }
 
     /// The repairs of the findings as a map; what a remark says may be meant.
-    pub fn map(&self, Judged { records, document }: &Judged) -> String {
-        let findings = document.findings.iter().filter(|f| f.severity == Severity::Finding);
-        let repairs = findings.filter_map(|f| f.repair.as_ref());
+    pub fn map(&self, judged: &Judged) -> String {
+        self.map_of(judged, |_, finding| finding.severity == Severity::Finding)
+    }
+
+    /// The repairs of the chosen ones among findings and remarks, by their places in the document, as a map.
+    pub fn map_of(&self, Judged { records, document }: &Judged, chosen: impl Fn(usize, &Finding) -> bool) -> String {
+        let findings = document.findings.iter().enumerate().filter(|(k, finding)| chosen(*k, finding));
+        let repairs = findings.filter_map(|(_, finding)| finding.repair.as_ref());
         let before = self.records.selection.map_file.as_ref();
         let map = records.first().map(|record| repaired_map(record, before, repairs)).unwrap_or_default();
         format!("{BEGINNING}; read the record with --map-file and this file\n{}", map.text())

@@ -137,7 +137,7 @@ impl Watch {
     }
 
     /// Work that is watched, with what is wanted of its answer.
-    fn conduct(&self, wanted: Wanted) -> Conduct {
+    pub fn conduct(&self, wanted: Wanted) -> Conduct {
         Conduct::hidden(self.halt.clone(), self.course.clone(), wanted)
     }
 }
@@ -158,7 +158,10 @@ const OF_THE_COMMAND: [&str; 11] = [
 ];
 
 /// The arguments of a command; `fixed` stands for what the program holds.
-fn parsed<A: Args>(fixed: &[String], words: &[String]) -> Result<A, Failure> {
+///
+/// # Errors
+/// [`Failure::Words`], for words that the command does not know, and for those that say where a result goes.
+pub fn parsed<A: Args>(fixed: &[String], words: &[String]) -> Result<A, Failure> {
     let name = |word: &str| word.split('=').next().unwrap_or(word).to_string();
     if let Some(word) = words.iter().map(|w| name(w)).find(|w| OF_THE_COMMAND.contains(&w.as_str())) {
         let unknown = Some(word.trim_start_matches('-').to_string());

@@ -16,8 +16,8 @@ use fdm_results::store::{DataFile, Manifest, ResultError, ResultFolder};
 use fdm_system::Model;
 use fdm_system::record::{ReadOptions, Run};
 use fdm_system::simulate::{
-    Accuracy, Divergence, Simulator, StepOptions, Steps, UNSOUND, WorstError, choose_steps, integration_error,
-    worst_errors,
+    Accuracy, Divergence, Simulator, StepOptions, Steps, UNSOUND, Unsuited, WorstError, choose_steps,
+    integration_error, worst_errors,
 };
 use std::path::{Path, PathBuf};
 
@@ -212,6 +212,71 @@ fn theta(model: &Model, run: &Run, folder: Option<&ResultFolder>, asked: &Option
     Ok(theta)
 }
 
+/// A run whose response is asked for at other values again and again. Its steps are chosen once, at the first values, so that each response
+/// takes one simulation.
+pub struct Repeated<'a> {
+    model: &'a Model,
+    accuracy: Accuracy,
+    /// All parameters, as they were first.
+    theta: Vec<f64>,
+    simulator: Simulator<'a>,
+    samples: usize,
+}
+
+impl<'a> Repeated<'a> {
+    /// Chooses the steps, and makes the simulator.
+    ///
+    /// # Errors
+    /// [`Failure::Input`]
+    pub fn new(
+        model: &'a Model,
+        run: &'a Run,
+        folder: Option<&ResultFolder>,
+        asked: &Options,
+    ) -> Result<Self, Failure> {
+        let theta = theta(model, run, folder, asked)?;
+        let unsuited = |e| unsuited(run, e);
+        let scheme = asked.integration.integrator;
+        let accuracy = match (asked.integration.per_interval(), asked.fitted_steps(&run.name, folder), scheme) {
+            (Some(steps), ..) => Accuracy { steps: Steps::equal(scheme.unwrap_or_default(), steps), error: f64::NAN },
+            (None, Some(fitted), None) => fitted,
+            _ => {
+                let accuracy = asked.integration.integration_accuracy;
+                let options = StepOptions { scheme, once: accuracy.is_none(), ..StepOptions::default() };
+                choose_steps(model.dynamics(), run, &theta, &options.to(accuracy)).map_err(unsuited)?
+            }
+        };
+        let mut simulator = Simulator::new(model.dynamics(), run, accuracy.steps.clone()).map_err(unsuited)?;
+        simulator.suits(&theta).map_err(unsuited)?;
+        Ok(Self { model, accuracy, theta, simulator, samples: run.len() })
+    }
+
+    /// All parameters, as they were first.
+    pub fn theta(&self) -> &[f64] {
+        &self.theta
+    }
+
+    /// Outputs (N by q) where these parameters have other values.
+    ///
+    /// # Errors
+    /// [`Divergence`]; rows behind it are NaN.
+    pub fn respond(&mut self, set: &[(String, f64)], y: &mut Vec<f64>) -> Result<(), Divergence> {
+        let mut theta = self.theta.clone();
+        for (value, param) in theta.iter_mut().zip(&self.model.definition().params) {
+            if let Some((_, other)) = set.iter().find(|(name, _)| *name == param.quantity.name) {
+                *value = *other;
+            }
+        }
+        y.clear();
+        y.resize(self.samples * self.model.layout().outputs, f64::NAN);
+        self.simulator.simulate(&theta, y)
+    }
+}
+
+fn unsuited(run: &Run, e: Unsuited) -> Failure {
+    Failure::input([format!("run `{}`: {e}", run.name)])
+}
+
 /// The response of a run, at the parameters of the model or of a result.
 ///
 /// # Errors
@@ -222,23 +287,11 @@ pub fn respond<'a>(
     folder: Option<&ResultFolder>,
     asked: &Options,
 ) -> Result<Response<'a>, Failure> {
-    let theta = theta(model, run, folder, asked)?;
-    let unsuited = |e| Failure::input([format!("run `{}`: {e}", run.name)]);
-    let scheme = asked.integration.integrator;
-    let dynamics = model.dynamics();
-    let mut accuracy = match (asked.integration.per_interval(), asked.fitted_steps(&run.name, folder), scheme) {
-        (Some(steps), ..) => Accuracy { steps: Steps::equal(scheme.unwrap_or_default(), steps), error: f64::NAN },
-        (None, Some(fitted), None) => fitted,
-        _ => {
-            let accuracy = asked.integration.integration_accuracy;
-            let options = StepOptions { scheme, once: accuracy.is_none(), ..StepOptions::default() };
-            choose_steps(dynamics, run, &theta, &options.to(accuracy)).map_err(unsuited)?
-        }
-    };
-    let mut simulator = Simulator::new(model.dynamics(), run, accuracy.steps.clone()).map_err(unsuited)?;
-    simulator.suits(&theta).map_err(unsuited)?;
-    let mut y = vec![f64::NAN; run.len() * model.layout().outputs];
-    let divergence = simulator.simulate(&theta, &mut y).err();
+    let (dynamics, unsuited) = (model.dynamics(), |e| unsuited(run, e));
+    let mut repeated = Repeated::new(model, run, folder, asked)?;
+    let mut y = Vec::new();
+    let divergence = repeated.respond(&[], &mut y).err();
+    let Repeated { mut accuracy, theta, .. } = repeated;
     if accuracy.error.is_nan() && divergence.is_none() {
         accuracy.error = integration_error(dynamics, run, &theta, accuracy.steps.clone()).map_err(unsuited)?;
     }

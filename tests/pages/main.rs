@@ -9,4 +9,5 @@ mod kinds;
 mod pictures;
 mod pixels;
 mod report;
+mod studio;
 mod window;

@@ -10,6 +10,8 @@ mod findings;
 mod hover;
 mod names;
 mod streams;
+#[cfg(feature = "studio")]
+pub(crate) mod window;
 
 use document::Document;
 use fdm_grammar::format;

@@ -483,7 +483,8 @@ fn misfit(found: &sets::Found) -> f64 {
         Some([gained + with.of_misfit(), gained - cause.loss + without.of_misfit()])
     };
     // one of the causes, whichever
-    log_sum(&found.causes.iter().filter_map(of).flatten().collect::<Vec<f64>>()) - (found.causes.len().max(1) as f64).ln()
+    log_sum(&found.causes.iter().filter_map(of).flatten().collect::<Vec<f64>>())
+        - (found.causes.len().max(1) as f64).ln()
 }
 
 fn unnamed(found: Unnamed) -> UnnamedCause {

@@ -13,6 +13,8 @@ use crate::{
     confidence, convergence, correlations, diagnosis, equations, histories, margins, modes, parameters, progress,
     regions, regression, reproduction, residuals, spectral, starts, study, surfaces, validation,
 };
+use fdm_grammar::Source;
+use fdm_grammar::syntax::parse;
 
 /// The whole page; the same subject gives the same text.
 pub fn page(subject: &Subject) -> String {
@@ -30,6 +32,22 @@ pub fn page(subject: &Subject) -> String {
         verdict: headline::verdict(subject),
         sections,
     })
+}
+
+/// What kind of result it is, and the verdict on it in a sentence.
+pub fn verdict(subject: &Subject) -> (&'static str, String) {
+    (headline::kind(subject), headline::verdict(subject).sentence)
+}
+
+/// The equations of a text as MathML, a line for each; none where the text cannot be read.
+pub fn typeset(source: &Source) -> Option<String> {
+    let lines = equations::lines(&parse(source).ok()?, source);
+    Some(lines.iter().map(|line| equations::shown(line, "").into_string()).collect())
+}
+
+/// The style of all pages, their colours and the font of formulas among it.
+pub fn style() -> String {
+    html::style()
 }
 
 /// A figure of a page, to be drawn as a file of its own.

@@ -29,7 +29,7 @@ pub use crate::profile::profile_page;
 pub use crate::progress::duration;
 pub use crate::response::responses_page;
 pub use crate::sample::sample_page;
-pub use document::{Drawing, drawings, page};
+pub use document::{Drawing, drawings, page, style, typeset, verdict};
 pub use drawing::Paper;
 #[cfg(feature = "png")]
 pub use raster::RasterError;
