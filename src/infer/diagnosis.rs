@@ -124,7 +124,7 @@ pub struct Cause {
     /// Evidence that is lost where it alone is left out.
     pub loss: f64,
     /// How far parts of the records are apart on it, in what noise lets them be (about 1 where the model is right); none in the frequency domain.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scatter: Option<f64>,
     /// The probability that it is this one, given that something stands in its place.
     pub probability: f64,
