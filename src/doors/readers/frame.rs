@@ -161,7 +161,7 @@ impl Frame {
     pub fn has_vector(names: &[&str]) -> bool {
         let short: Vec<String> = names.iter().map(|n| plain(n)).collect();
         let there = |list: &&[&str]| short.iter().any(|n| list.contains(&n.as_str()));
-        VECTORS.iter().any(|(_, vector)| vector.iter().all(|list| there(list)))
+        VECTORS.iter().any(|(_, vector)| vector.iter().all(&there))
     }
 
     /// How channels are made of channels with these names, where they change; and what lacks a component.
