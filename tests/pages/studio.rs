@@ -34,7 +34,7 @@ impl Drop for Window {
 
 impl Window {
     fn open(desk: &Desk) -> Self {
-        let mut program = desk.command_of(&["studio", "--no-browser"]).stdout(Stdio::piped()).spawn().unwrap();
+        let mut program = desk.command_of(["studio", "--no-browser"]).stdout(Stdio::piped()).spawn().unwrap();
         let mut address = String::new();
         BufReader::new(program.stdout.take().unwrap()).read_line(&mut address).unwrap();
         let profile = tempfile::tempdir().unwrap();
