@@ -141,6 +141,11 @@ impl Folder {
         if lands.starts_with(&self.home) { Ok(self.named.join(path)) } else { Err(outside()) }
     }
 
+    /// A result that was listed, as commands name it.
+    pub(crate) fn result(&self, path: &str) -> PathBuf {
+        self.named.join(path)
+    }
+
     /// Words of a command that name nothing outside the folder.
     pub(crate) fn refuse_outside(&self, words: &[String]) -> Result<(), Refusal> {
         for word in words {

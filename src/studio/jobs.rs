@@ -202,7 +202,7 @@ fn kept<V: Verb + Args>(studio: &Studio, job: &Job, whole: &[String]) -> Result<
     let options: V = parsed(&[], &words)?;
     let mut conduct = job.watch.conduct(WHOLE).within(options.given().limit);
     let session = options.session(&conduct)?.of_command(whole.to_vec());
-    let place = studio.result(job.place.as_deref().unwrap_or_default());
+    let place = studio.folder.result(job.place.as_deref().unwrap_or_default());
     let place = Destination::prepare_for(place, &options.names(&session), false).or_failure()?;
     let answer = answered(&options, &session, &mut conduct)?;
     place.fill(&answer.files).or_failure()?;

@@ -41,8 +41,6 @@ pub struct Doors {
 /// All that requests share.
 pub(crate) struct Studio {
     folder: Folder,
-    /// As commands name it.
-    named: PathBuf,
     doors: Doors,
     token: String,
     address: SocketAddr,
@@ -52,13 +50,6 @@ pub(crate) struct Studio {
     records: routes::Records,
     /// A state of the folder, and the words of a simulation in it.
     simulated: Mutex<(String, Vec<String>)>,
-}
-
-impl Studio {
-    /// A result of the folder, as commands name it.
-    fn result(&self, path: &str) -> PathBuf {
-        self.named.join(path)
-    }
 }
 
 /// A server that listens.
@@ -91,7 +82,6 @@ impl Server {
         let token = random.iter().map(|byte| format!("{byte:02x}")).collect();
         let studio = Studio {
             folder: own,
-            named: folder.to_path_buf(),
             doors,
             token,
             address,

@@ -1,7 +1,6 @@
 //! Results of the folder: what each says, and what changed since the one before it.
 
-use crate::Studio;
-use crate::folder::{Kind, Listed};
+use crate::folder::{Folder, Kind, Listed};
 use fdm_report::page::{Subject, verdict};
 use fdm_results::store::{ResultFolder, whole_files};
 use fdm_session::effects::difference;
@@ -56,14 +55,14 @@ pub(crate) struct Results(Mutex<BTreeMap<String, Seen>>);
 
 impl Results {
     /// All results among the files, the newest first.
-    pub(crate) fn seen(&self, studio: &Studio, files: &[Listed]) -> Vec<Seen> {
+    pub(crate) fn seen(&self, folder: &Folder, files: &[Listed]) -> Vec<Seen> {
         let mut known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let results = files.iter().filter(|f| f.kind == Kind::Result);
         let mut all: Vec<Seen> = results
             .map(|file| match known.get(&file.path).filter(|own| own.stamp == file.stamp) {
                 Some(own) => own.clone(),
                 None => {
-                    let own = read(&studio.result(&file.path), file);
+                    let own = read(&folder.result(&file.path), file);
                     known.insert(file.path.clone(), own.clone());
                     own
                 }

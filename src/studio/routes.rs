@@ -204,7 +204,7 @@ fn state(studio: &Studio) -> State {
     State {
         name: studio.folder.name(),
         project: studio.folder.project(),
-        results: studio.results.seen(studio, &files),
+        results: studio.results.seen(&studio.folder, &files),
         files,
         jobs: studio.jobs.shown(),
         language: studio.doors.language.is_some(),

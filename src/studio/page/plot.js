@@ -157,7 +157,7 @@ export class Plot {
 
   line(g, trace, y, colour, width) {
     const [a, b] = this.span(trace.time), { time, values } = trace, [group, lows, highs] = this.level(trace, b - a, width);
-    g.strokeStyle = colour; g.fillStyle = colour; g.lineWidth = trace.wide ?? 1.2; g.lineJoin = "round"; g.beginPath();
+    g.strokeStyle = colour; g.fillStyle = colour; g.lineWidth = trace.wide ?? 1.2; g.lineJoin = "bevel"; g.beginPath();
     if (group === 1) {
       let up = true;
       for (let k = a; k < b; k++) {
