@@ -11,7 +11,8 @@ use crate::page::thinning::Kept;
 use crate::text;
 use fdm_doctor::{Finding, probability};
 use fdm_infer::{
-    Biased, Cause, EffectAt, FrontModel, FrontOutput, LackOfFit, NewValue, OutputGain, PlaceKind, UnnamedCause, Verdict,
+    Biased, Cause, EffectAt, Feedback, FrontModel, FrontOutput, LackOfFit, NewValue, OutputGain, PlaceKind,
+    UnnamedCause, Verdict,
 };
 use fdm_results::documents::{DiagnosisDocument, digits, fixed, with_run};
 use maud::{Markup, html};
@@ -71,6 +72,7 @@ fn brief(found: &DiagnosisDocument) -> Section {
         .lines(places(found))
         .lines(lacks(found).take(NAMED).filter(|_| found.causes.is_empty()).map(str::to_string))
         .lines(others)
+        .lines(found.feedback.iter().flat_map(following))
         .with(errors(found))
 }
 
@@ -603,13 +605,7 @@ fn ended(found: &DiagnosisDocument) -> Section {
 /// Inputs that move with the states, and what that hides.
 fn feedback(found: &DiagnosisDocument) -> Vec<Part> {
     let Some(feedback) = &found.feedback else { return Vec::new() };
-    let inputs = feedback.inputs.iter().map(|input| {
-        let (name, own) = (&input.input, 100.0 * (1.0 - input.explained));
-        match input.feedback {
-            true => format!("{name} follows the states, as under a controller or a pilot: {own:.0} % of it is its own"),
-            false => format!("{name} moves with the states: {own:.0} % of it is its own"),
-        }
-    });
+    let inputs = following(feedback);
     let hidden: Vec<String> = feedback.hidden.iter().take(FEW).map(ToString::to_string).collect();
     let more = feedback.hidden.len() - hidden.len();
     let more = if more > 0 { format!(" and {more} more (--json)") } else { String::new() };
@@ -622,4 +618,15 @@ fn feedback(found: &DiagnosisDocument) -> Vec<Part> {
         ),
     };
     std::iter::once(Part::Gap).chain(inputs.chain([hides]).map(Part::Line)).collect()
+}
+
+/// Inputs that move with the states, and how much of them is their own.
+fn following(feedback: &Feedback) -> impl Iterator<Item = String> {
+    feedback.inputs.iter().map(|input| {
+        let (name, own) = (&input.input, 100.0 * (1.0 - input.explained));
+        match input.feedback {
+            true => format!("{name} follows the states, as under a controller or a pilot: {own:.0} % of it is its own"),
+            false => format!("{name} moves with the states: {own:.0} % of it is its own"),
+        }
+    })
 }

@@ -162,8 +162,10 @@ fn an_input_that_follows_the_states_is_told() {
     for parameter in ["time_varying_parameter(K)", "input_scale(rudder)"] {
         assert!(hidden.iter().any(|place| place == parameter), "{hidden:?}");
     }
-    let said = desk.good("diagnose held.fdm --data loop.csv --zoh rudder -q");
+    let said = desk.good("diagnose held.fdm --data loop.csv --zoh rudder -q --verbose");
     assert!(said.contains("rudder follows the states"), "{said}");
+    let brief = desk.good("diagnose held.fdm --data loop.csv --zoh rudder -q");
+    assert!(brief.contains("rudder follows the states") && !brief.contains("what these records hide"), "{brief}");
     assert!(
         said.contains(&format!(
             "what these records hide, as the fitted parameters make up for nearly all of it: {}",
