@@ -297,7 +297,6 @@ impl Question<'_> {
             }
             Some(_) => {}
         }
-        found.extend(self.examine_parts());
         let samples = self.duration / self.dt + 1.0;
         if !(FEWEST..=MOST).contains(&samples) {
             found.push(Asked::Samples { duration: self.duration, dt: self.dt, samples: samples.round() });
@@ -312,6 +311,7 @@ impl Question<'_> {
             let what = format!("the height of `{}`", input.quantity.name);
             found.extend(bad(value).then_some(Asked::Size { what, value }));
         }
+        found.extend(self.examine_parts());
         if found.is_empty() { Ok(()) } else { Err(found) }
     }
 
