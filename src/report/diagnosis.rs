@@ -42,9 +42,8 @@ pub fn diagnosis_text(found: &DiagnosisDocument, verbose: bool) -> String {
     let stopped = is_cut_short(found).then(|| "The search was stopped before its end.".into());
     let head = unexplained(found).chain([verdict(found).sentence]).chain(likelier(found)).chain(stopped);
     let head = head.map(|said| format!("{said}\n")).collect();
-    let whole = || whole(found).into_iter().flatten().collect();
-    let brief = || [mended(found), Some(brief(found))].into_iter().flatten().collect();
-    text::below(head, &if verbose { whole() } else { brief() } as &Vec<Section>)
+    let brief = || mended(found).into_iter().chain([brief(found)]).collect();
+    text::below(head, &if verbose { whole(found) } else { brief() })
 }
 
 /// What is told first: causes or places, what else it could be, the errors of each output.
@@ -99,8 +98,8 @@ fn errors(found: &DiagnosisDocument) -> Rows<(&FrontOutput, Option<&FrontOutput>
     table
 }
 
-fn whole(found: &DiagnosisDocument) -> [Option<Section>; 8] {
-    [
+fn whole(found: &DiagnosisDocument) -> Vec<Section> {
+    let all = [
         mended(found),
         Some(causes(found)),
         Some(wrong(found, "")),
@@ -109,7 +108,8 @@ fn whole(found: &DiagnosisDocument) -> [Option<Section>; 8] {
         moved(found),
         tried(found),
         Some(ended(found)),
-    ]
+    ];
+    all.into_iter().flatten().collect()
 }
 
 /// The sections of a diagnosis.

@@ -325,6 +325,16 @@ mod tests {
     }
 
     #[test]
+    fn silence_of_a_smoothed_record_counts_no_more_than_80_decibels() {
+        let (bands, prior) = prior(1000);
+        let powers = drawn(&bands, 1000, |k| if k < 100.0 { 1.0 } else { 1e-14 }, 5);
+        let noise = given(&prior, &powers);
+        let level = 1000.0 / powers.iter().sum::<f64>();
+        let most = noise.weights.iter().fold(0.0_f64, |most, w| most.max(w / level));
+        assert!((1e6..3e8).contains(&most), "{most:e}");
+    }
+
+    #[test]
     fn white_noise_is_likeliest_white() {
         // a spectrum of this shape must not cost more than the families that it stands beside
         let (bands, prior) = prior(1000);

@@ -176,6 +176,18 @@ mod tests {
     }
 
     #[test]
+    fn a_misfit_is_likelier_than_noise_where_parts_are_apart_and_not_where_they_agree() {
+        let agreed = parts(3.0, 0.0, 3).disagreement();
+        assert!((-3.0..0.0).contains(&agreed.of_misfit()), "{agreed:?} {}", agreed.of_misfit());
+        let apart = parts(3.0, 3.0, 3).disagreement();
+        assert!(apart.of_misfit() > 10.0, "{apart:?} {}", apart.of_misfit());
+        // what the number explains is left in the parts without it: half of its mean square over all parts is its gain
+        let without = agreed.without(40.0);
+        assert!((without.scatter - agreed.scatter - 5.0).abs() < 1e-12 && without.of_misfit() > 10.0, "{without:?}");
+        assert!(without.of_misfit() < 40.0, "no more than the number itself");
+    }
+
+    #[test]
     fn parts_know_equally_much() {
         let rows: Vec<(f64, f64)> = (0..1000).map(|k| (1.0, if k < 100 { 9.0 } else { 1.0 })).collect();
         let parts = equal_parts(&rows);
