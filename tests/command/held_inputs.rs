@@ -112,6 +112,28 @@ fn a_diagnosis_mends_a_hold_before_it_asks_what_the_model_lacks() {
     assert!(straight["mended"].is_null() && straight["verdict"] == "no_effect_found", "{straight}");
 }
 
+/// How an input goes between samples where nobody said so is a guess of the reader, and no effect is to explain that it was wrong.
+#[test]
+fn two_inputs_in_straight_lines_that_were_taken_for_held_are_no_delays() {
+    let desk = desk();
+    let late: Vec<f64> = three_two_one_one().iter().cycle().skip(230).take(600).copied().collect();
+    let columns = |text: &str| -> Vec<String> { text.lines().map(|l| l.split_once(',').unwrap().1.into()).collect() };
+    let (u, v) = (record(&three_two_one_one(), false, 7), record(&late, false, 8));
+    let mut text = String::from("t [s],u,y,v,z\n");
+    for (k, (own, other)) in columns(&u).iter().zip(columns(&v)).enumerate().skip(1) {
+        text += &format!("{},{own},{other}\n", STEP * (k - 1) as f64);
+    }
+    desk.write("two.csv", text);
+    let two = "model two { input u, v; state x = free, w = free; param T = 1 in [0.01, 20] [s], S = 1 in [0.01, 20] [s], k = 1, l = 1; \
+               der(x) = (k*u - x)/T; der(w) = (l*v - w)/S; output y = x, z = w; }";
+    desk.write("two.fdm", two);
+    let found: serde_json::Value =
+        serde_json::from_str(&printed(&desk.fdm("diagnose two.fdm --data two.csv --json"))).unwrap();
+    let holds = found["mended"]["faults"].as_array().unwrap().iter().filter(|f| f["fault"] == "hold").count();
+    assert_eq!((&found["verdict"], holds), (&"record_fault".into(), 2), "{found}");
+    assert!(found["causes"].as_array().unwrap().is_empty(), "{}", found["causes"]);
+}
+
 #[test]
 fn straight_lines_are_not_doubted() {
     let desk = desk();

@@ -6,7 +6,7 @@ use crate::candidates::fitted_model::FittedModel;
 use crate::candidates::runs::Runs;
 use crate::evidence::binning::{Binning, RunBins};
 use crate::evidence::gram::Grams;
-use fdm_doctor::{Balance, Channels, Edit, Estimated, Fault, Hypothesis, Record, Slot, Witness, edited};
+use fdm_doctor::{Balance, Channels, Edit, Estimated, Fault, Hypothesis, Record, Slot, Witness, edited, time_factor};
 use fdm_estimate::residuals::residuals;
 use fdm_estimate::{Changes, Work, starts, with_initials};
 use fdm_grammar::graph::Leaf;
@@ -14,8 +14,9 @@ use fdm_grammar::model::Origin;
 use fdm_numeric::parallel;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
-use fdm_system::simulate::{Simulator, StepOptions, Steps, choose_steps};
-use std::sync::OnceLock;
+use fdm_system::simulate::{Scheme, Simulator, StepOptions, Steps, choose_steps};
+use std::collections::BTreeMap;
+use std::sync::{Mutex, OnceLock, PoisonError};
 
 /// Part of an output's deviation by which its zero is moved for a derivative; of offsets the derivative is exact.
 const SMALL: f64 = 1e-3;
@@ -156,6 +157,9 @@ pub(crate) struct Ground<'a> {
     measured: Vec<Signals>,
     pub(crate) binning: Binning,
     steps: Vec<Steps>,
+    /// Values at the fit, and the steps of each run in another unit of time (the bits of its factor), once they are needed.
+    reached: Vec<Vec<f64>>,
+    paced: Mutex<BTreeMap<(usize, u64), Option<Steps>>>,
     pub(crate) shared: Vec<usize>,
     /// Parameters of each run, without those of `stated`.
     pub(crate) own: Vec<usize>,
@@ -170,10 +174,11 @@ pub(crate) struct Ground<'a> {
 }
 
 impl<'a> Ground<'a> {
-    /// Of a model (of [`doubted`]) at its fit (of `every`-th samples of the runs), with the records of the runs.
+    /// Of a model (of [`doubted`]) at its fit (of `every`-th samples of the runs) and its values there, with the records of the runs.
     pub(crate) fn new(
         (model, stated): (&'a Model, Vec<Stated>),
         (fitted, compared, every): (&FittedModel, &[Run], usize),
+        reached: Vec<Vec<f64>>,
         (runs, witness): (&'a [Run], &'a Witness<'a>),
         work: &'a Work<'a>,
     ) -> Option<Self> {
@@ -207,6 +212,8 @@ impl<'a> Ground<'a> {
             measured: compared.iter().map(|r| r.measured.clone()).collect(),
             binning,
             steps,
+            reached,
+            paced: Mutex::default(),
             shared,
             own,
             stated,
@@ -274,15 +281,38 @@ impl<'a> Ground<'a> {
         if edits.iter().all(|e| self.keeps_inputs(e)) { Vec::new() } else { edits.to_vec() }
     }
 
-    /// A run as edits make it, at the samples that are compared, and its steps.
-    fn run(&self, r: usize, edits: &[Edit]) -> Option<(Run, Steps, bool)> {
+    /// A run as edits make it, at the samples that are compared.
+    fn run(&self, r: usize, edits: &[Edit]) -> Option<Run> {
         let run = match edits.is_empty() {
             true => self.runs[r].clone(),
             false => edited(&self.runs[r], &self.records[r], self.channels, edits, self.model.definition()).ok()?,
         };
-        let run = if self.every > 1 { run.every(self.every) } else { run };
-        let paced = edits.iter().any(|e| matches!(e, Edit::Time(_)));
-        Some((run, self.steps[r].clone(), paced))
+        Some(if self.every > 1 { run.every(self.every) } else { run })
+    }
+
+    /// The steps of a run whose times edits multiply. Those of shorter intervals are good enough for them; in longer ones motion decays within a step,
+    /// which implicit steps bear: chosen once, where the text begins, or where that has no response at the fit.
+    fn steps(&self, r: usize, edits: &[Edit]) -> Option<Steps> {
+        let factor = time_factor(edits);
+        if factor <= 1.0 {
+            return Some(self.steps[r].clone());
+        }
+        let known = || self.paced.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(chosen) = known().get(&(r, factor.to_bits())) {
+            return chosen.clone();
+        }
+        let scheme = (!self.model.layout().affine.rates).then_some(Scheme::Radau);
+        let options = StepOptions { scheme, ..StepOptions::default() }.to(Some(1e-4));
+        let chosen = self.run(r, &[Edit::Time(factor)]).and_then(|run| {
+            let at = |theta: &[f64]| {
+                let theta = self.values(&run, theta);
+                choose_steps(self.model.dynamics(), &run, &theta, &options).ok()
+            };
+            let first = at(&self.text[r])?;
+            Some(if first.error.is_finite() { first.steps } else { at(&self.reached[r])?.steps })
+        });
+        known().insert((r, factor.to_bits()), chosen.clone());
+        chosen
     }
 
     /// Values of a run's parameters, those that are first values of inputs as these have them.
@@ -300,13 +330,9 @@ impl<'a> Ground<'a> {
     pub(crate) fn responses(&self, theta: &[Vec<f64>], edits: &[Edit], asked: &[usize]) -> Option<Responses> {
         let (dynamics, q, edits) = (self.model.dynamics(), self.outputs(), self.simulated(edits));
         let of = |r: usize| -> Option<(Vec<f64>, Signals, Vec<Signals>)> {
-            let (run, steps, paced) = self.run(r, &edits)?;
+            let run = self.run(r, &edits)?;
             let theta = self.values(&run, &theta[r]);
-            let steps = match paced {
-                false => steps,
-                true => choose_steps(dynamics, &run, &theta, &StepOptions::default().to(Some(1e-4))).ok()?.steps,
-            };
-            let mut simulator = Simulator::new(dynamics, &run, steps).ok()?;
+            let mut simulator = Simulator::new(dynamics, &run, self.steps(r, &edits)?).ok()?;
             simulator.suits(&theta).ok()?;
             let mut y = vec![0.0; run.len() * q];
             if asked.is_empty() {

@@ -22,7 +22,7 @@ use crate::evidence::climb::Climb;
 use crate::evidence::decimation::decimation;
 use crate::search::log_sum;
 use fdm_doctor::{
-    AloneOptions, Channels, Finding, Kinematics, Record, Role, Severity, Slot, Witness, aliased, edited, examine_alone,
+    AloneOptions, Channels, Fault, Finding, Kinematics, Record, Role, Severity, Slot, Witness, aliased, edited, examine_alone,
     information, mask, pace, sort,
 };
 use fdm_estimate::{Estimate, FitOptions, Termination, Work};
@@ -216,8 +216,8 @@ fn beside(
     };
     let (extended, stated) = doubted(model, &base.theta[0]);
     let values: Vec<f64> = stated.iter().map(|s| extended.definition().params[s.param].value).collect();
-    let reached = base.theta.iter().map(|theta| [&theta[..], &values].concat()).collect();
-    let ground = Ground::new((&extended, stated), (fitted, &fewer, every), (runs, witness), work)?;
+    let reached: Vec<Vec<f64>> = base.theta.iter().map(|theta| [&theta[..], &values].concat()).collect();
+    let ground = Ground::new((&extended, stated), (fitted, &fewer, every), reached.clone(), (runs, witness), work)?;
     let at = |theta: Vec<Vec<f64>>| ground.climbed(Point { theta, faults: Vec::new() }, None);
     let both = [at(reached), at(ground.text.clone())];
     let start = both.into_iter().flatten().max_by(|a, b| a.1.log.total_cmp(&b.1.log))?;
@@ -262,6 +262,8 @@ pub(crate) struct Mended {
     pub(crate) model: Model,
     /// Whether there are such.
     pub(crate) freed: bool,
+    /// Whether the faults are but holds of inputs of which nobody had said how they go between samples.
+    pub(crate) assumed: bool,
     pub(crate) runs: Vec<Run>,
 }
 
@@ -296,6 +298,7 @@ pub(crate) fn mended(fitted: &FittedModel, runs: &[Run], work: &Work<'_>) -> (Op
     let mended = mended.zip(model).map(|(runs, model)| Mended {
         evidence: found.evidence + prior * found.findings.len() as f64,
         prior: found.prior + prior * found.findings.len() as f64,
+        assumed: found.findings.iter().filter(|f| f.severity == Severity::Finding).all(|f| f.fault == Fault::Hold),
         findings: found.findings,
         model,
         freed: !begun.is_empty(),

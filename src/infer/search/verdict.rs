@@ -6,6 +6,7 @@ use super::random_effect::{Unnamed, log_sum};
 use super::separating::separating;
 use super::sets::{self, Fitted, GROUP, Search};
 use super::state::{Ground, State};
+use crate::bins::Signals;
 use crate::candidates::DiagnosisError;
 use crate::candidates::extended_model::place;
 use crate::candidates::fitted_model::FittedModel;
@@ -27,6 +28,7 @@ use fdm_estimate::{Work, changed};
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use std::collections::BTreeSet;
+use std::ops::Range;
 
 /// Finds what is missing from a model: fits it as it stands, and goes from set of effects to set by the evidence of the written model.
 ///
@@ -68,12 +70,26 @@ pub fn diagnose(
         Domain::Time if work.goes_on() => mended(&first, &all, work),
         _ => (None, f64::NEG_INFINITY),
     };
+    let before = rms(&first, &first.response, runs, 0..runs.train);
+    let judged_mended = |mended: &Mended| -> Option<(Diagnosis, Null)> {
+        let runs = Runs { all: &mended.runs, ..runs };
+        asked.judged(asked.fitted(&mended.model, runs).ok()?, runs).ok()
+    };
+    // how inputs go between samples where nobody said so is the reader's guess: one that the records contradict explains nothing, and effects are looked
+    // for beside the other one alone
+    if let Some(mended) = mended.as_ref().filter(|m| m.assumed && m.evidence > GROUP)
+        && let Some((own, _)) = judged_mended(mended)
+    {
+        let evidence = mended.evidence + best(&own);
+        let mut found = with_mended(of_record(evidence, vec![nothing()]), before, mended, own);
+        found.notes.splice(0..0, notes);
+        return Ok(found);
+    }
     let (mut found, null) = asked.judged(first, runs)?;
     let beside = mended.filter(|_| work.goes_on()).and_then(|mut mended| {
         let same = |(a, b): (&Run, &Run)| a.measured.iter().zip(&b.measured).all(|(a, b)| a.to_bits() == b.to_bits());
         let measured_alike = runs.all.iter().zip(&mended.runs).all(same);
-        let runs = Runs { all: &mended.runs, ..runs };
-        let (own, mended_null) = asked.judged(asked.fitted(&mended.model, runs).ok()?, runs).ok()?;
+        let (own, mended_null) = judged_mended(&mended)?;
         // of the same samples both are asked alike, growing noise included
         if measured_alike && mended_null.every == null.every {
             mended.evidence = mended.prior + mended_null.log - null.log;
@@ -81,11 +97,9 @@ pub fn diagnose(
         Some((mended, own))
     });
     let own = beside.as_ref().map_or(f64::NEG_INFINITY, |(mended, own)| mended.evidence + best(own));
-    let evidence = faults.max(own);
-    found.explanations.push(Explanation { verdict: Verdict::RecordFault, evidence, probability: 0.0 });
-    weighed(&mut found.explanations);
+    found.explanations = of_record(faults.max(own), found.explanations);
     if let Some((mended, own)) = beside.filter(|_| found.explanations[0].verdict == Verdict::RecordFault) {
-        found = with_mended(found, mended, own);
+        found = with_mended(found.explanations, before, &mended, own);
     }
     found.notes.splice(0..0, notes);
     Ok(found)
@@ -111,24 +125,46 @@ fn weighed(all: &mut Vec<Explanation>) {
     }
 }
 
-/// A diagnosis of mended records, in the place of that of records as they are.
-fn with_mended(plain: Diagnosis, mended: Mended, mut own: Diagnosis) -> Diagnosis {
-    let [before, after] = [&plain, &own].map(|d| &d.front[0].outputs);
-    let outputs = before.iter().zip(after).map(|(before, after)| MendedOutput {
-        output: before.output.clone(),
-        unit: before.unit.clone(),
-        before: before.rms_training,
+/// Explanations with faults of the record of this evidence among them.
+fn of_record(evidence: f64, mut others: Vec<Explanation>) -> Vec<Explanation> {
+    others.push(Explanation { verdict: Verdict::RecordFault, evidence, probability: 0.0 });
+    weighed(&mut others);
+    others
+}
+
+fn nothing() -> Explanation {
+    Explanation { verdict: Verdict::NoEffectFound, evidence: 0.0, probability: 0.0 }
+}
+
+/// A diagnosis of mended records, in the place of that of records as they are, whose explanations and errors these are.
+fn with_mended(
+    explanations: Vec<Explanation>,
+    before: Vec<Option<f64>>,
+    mended: &Mended,
+    mut own: Diagnosis,
+) -> Diagnosis {
+    let outputs = before.into_iter().zip(&own.front[0].outputs).map(|(before, after)| MendedOutput {
+        output: after.output.clone(),
+        unit: after.unit.clone(),
+        before,
         after: after.rms_training,
     });
-    let Explanation { evidence, probability, .. } = plain.explanations[0].clone();
-    own.mended = Some(MendedRecords { faults: mended.findings, evidence, probability, outputs: outputs.collect() });
+    let Explanation { evidence, probability, .. } = explanations[0].clone();
+    let (faults, outputs) = (mended.findings.clone(), outputs.collect());
+    own.mended = Some(MendedRecords { faults, evidence, probability, outputs });
     if own.verdict == Verdict::NoEffectFound {
         own.verdict = Verdict::RecordFault;
-        own.explanations = plain.explanations;
+        own.explanations = explanations;
         // initial values that are free now
         own.extended = Some(mended.model.source().text().to_string()).filter(|_| mended.freed);
     }
     own
+}
+
+/// Root mean square residual of each output on these runs.
+fn rms(fitted: &FittedModel, responses: &[Signals], runs: Runs<'_>, of: Range<usize>) -> Vec<Option<f64>> {
+    let all = squares(fitted, responses, runs, of).into_iter();
+    all.map(|(sum, n)| (n > 0).then(|| (sum / n as f64).sqrt())).collect()
 }
 
 /// A model as it was given, judged.
@@ -358,11 +394,8 @@ impl Judge<'_> {
     fn described(&self, state: &State, evidence: f64, written: Option<&WrittenModel>, recommended: bool) -> FrontModel {
         let Self { first, runs, .. } = self;
         let response = written.map_or(&first.response, |w| &w.fitted.response);
-        let rms = |range: std::ops::Range<usize>| {
-            let own = squares(first, response, *runs, range);
-            own.into_iter().map(|(sum, n)| (n > 0).then(|| (sum / n as f64).sqrt())).collect::<Vec<Option<f64>>>()
-        };
-        let (training, validation) = (rms(0..runs.train), rms(runs.train..runs.all.len()));
+        let of = |range: Range<usize>| rms(first, response, *runs, range);
+        let (training, validation) = (of(0..runs.train), of(runs.train..runs.all.len()));
         let outputs = first.model.definition().outputs.iter().enumerate().map(|(o, output)| FrontOutput {
             output: output.quantity.name.clone(),
             unit: output.quantity.unit.as_ref().map(ToString::to_string),
