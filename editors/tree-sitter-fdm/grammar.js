@@ -73,7 +73,7 @@ module.exports = grammar({
       seq(
         field('name', $.identifier),
         optional(field('shape', $.index)),
-        repeat(choice($.string, $.unit, $.value, $.bounds, 'fixed', $.per_run, $.per_group, $.by_log, $.held, $.wrap)),
+        repeat(choice($.string, $.unit, $.value, $.bounds, 'fixed', $.per_run, $.per_group, $.by_log, $.hold, $.wrap)),
       ),
     scheduled: ($) =>
       seq(
@@ -95,7 +95,7 @@ module.exports = grammar({
     per_run: () => seq('per', 'run'),
     per_group: ($) => seq('per', 'group', field('grouping', $.identifier)),
     by_log: () => 'log',
-    held: () => 'held',
+    hold: () => choice('held', 'linear'),
     wrap: ($) => seq('wrap', $.number, optional(seq('*', 'pi'))),
 
     equation: ($) => seq($.expression, '=', $.expression, ';'),

@@ -240,22 +240,33 @@ impl Subject {
         self.with_text(editor.finish())
     }
 
-    /// The text with `free` as the initial value of these states; none where one of them is no state that the text declares by itself, as those of submodels
-    /// and of vectors.
-    pub fn with_free_initials(&self, states: &[&str]) -> Option<Source> {
+    /// The text with `free` as the initial value of these states, and with what is said of inputs between samples (held, else in straight lines). None
+    /// where one of the states is none that the text declares by itself, as those of submodels and of vectors; of such an input nothing is written.
+    pub fn with_free_initials_and_holds(&self, states: &[&str], holds: &[(&str, bool)]) -> Option<Source> {
         let mut editor = Editor::new(self.source.text(), &self.tree);
         let mut missing = states.len();
         for statement in &self.tree.statements {
-            let StatementKind::Declare(Role::State, list) = &statement.kind else { continue };
-            for d in list.iter().filter(|d| d.shape.is_none() && states.contains(&d.name.text.as_str())) {
-                missing -= 1;
-                match d.value {
-                    Some(Value::Expr(e)) => editor.replace(editor.value(d.span, e), "free"),
-                    Some(Value::Free(_)) => (),
-                    None => {
-                        let end = d.name.span.range().end;
-                        editor.replace(end..end, " = free");
+            let StatementKind::Declare(role, list) = &statement.kind else { continue };
+            for d in list.iter().filter(|d| d.shape.is_none()) {
+                let name = d.name.text.as_str();
+                let end = d.name.span.range().end;
+                match (role, holds.iter().find(|(input, _)| *input == name)) {
+                    (Role::State, _) if states.contains(&name) => {
+                        missing -= 1;
+                        match d.value {
+                            Some(Value::Expr(e)) => editor.replace(editor.value(d.span, e), "free"),
+                            Some(Value::Free(_)) => (),
+                            None => editor.replace(end..end, " = free"),
+                        }
                     }
+                    (Role::Input, Some((_, held))) => {
+                        let word = if *held { "held" } else { "linear" };
+                        match d.hold {
+                            Some(hold) => editor.replace(hold.span.range(), word),
+                            None => editor.replace(end..end, format!(" {word}")),
+                        }
+                    }
+                    _ => (),
                 }
             }
         }
@@ -294,9 +305,15 @@ mod start_values_tests {
             der(x) = v; der(v) = u - k*x; output y = x; }";
         let source = Source::new("a.fdm", text);
         let subject = Subject::new(&source, &compile(&source).unwrap().model).unwrap();
-        let new = subject.with_free_initials(&["x", "v"]).unwrap();
-        assert_eq!(new.text(), text.replace("= (1.5)", "= free").replace(", v ", ", v = free "));
+        let new = subject.with_free_initials_and_holds(&["x", "v"], &[("u", false), ("w", true), ("x", true)]).unwrap();
+        let wanted =
+            text.replace("= (1.5)", "= free").replace(", v ", ", v = free ").replace("input u", "input u linear");
+        assert_eq!(new.text(), wanted);
         assert_eq!(compile(&new).unwrap().model.params.len(), 3);
-        assert!(subject.with_free_initials(&["x", "z"]).is_none());
+        assert!(subject.with_free_initials_and_holds(&["x", "z"], &[]).is_none());
+        let again = Subject::new(&new, &compile(&new).unwrap().model).unwrap();
+        let held = again.with_free_initials_and_holds(&[], &[("u", true)]).unwrap();
+        assert_eq!(held.text(), wanted.replace("linear", "held"));
+        assert_eq!(compile(&held).unwrap().model.inputs[0].held, Some(true));
     }
 }

@@ -40,7 +40,8 @@ fn declarations(model: &Model) -> String {
     for i in &definition.inputs {
         let role = match (i.is_declared(), i.slope) {
             (true, _) if i.known => "known",
-            (true, _) if i.held => "input, held",
+            (true, _) if i.held == Some(true) => "input, held",
+            (true, _) if i.held == Some(false) => "input, linear",
             (true, _) => "input",
             (_, Some(_)) => "derivative",
             _ => "record",

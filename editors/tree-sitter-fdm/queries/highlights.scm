@@ -12,7 +12,7 @@
 (effect_declarations ["state" "let" "const"] @keyword)
 ["in" "fixed" "free" "per" "run"] @attribute
 (by_log) @attribute
-(held) @attribute
+(hold) @attribute
 (per_group "group" @attribute)
 (wrap "wrap" @attribute)
 ["if" "then" "else"] @keyword.conditional

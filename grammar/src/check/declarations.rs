@@ -33,8 +33,9 @@ pub(super) fn attributes(scope: &Scope<'_>, findings: &mut Vec<Diagnostic>) {
             let finding = Diagnostic::new(Code::WrongAttribute, wrap.span, message);
             findings.push(finding.hint("a period is above zero: `wrap 360` in degrees, `wrap 2*pi` in radians"));
         }
-        if let Some(span) = d.held.filter(|_| symbol.role != Role::Input) {
-            findings.push(wrong(symbol, span, "`held`", "only inputs go between samples, and so may be held there"));
+        if let Some(hold) = d.hold.filter(|_| symbol.role != Role::Input) {
+            let word = if hold.held { "`held`" } else { "`linear`" };
+            findings.push(wrong(symbol, hold.span, word, "only inputs go between samples, held or in straight lines"));
         }
         if let Some(span) = d.log.filter(|_| symbol.role != Role::Param) {
             findings.push(wrong(symbol, span, "`log`", "only params are estimated by their logarithms"));

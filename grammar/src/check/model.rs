@@ -140,7 +140,8 @@ pub(super) fn assemble(
         match symbol.role {
             Role::Input | Role::Known => {
                 let known = symbol.role == Role::Known;
-                let (held, membership) = (symbol.declaration.held.is_some(), symbol.declaration.membership.clone());
+                let (held, membership) =
+                    (symbol.declaration.hold.map(|hold| hold.held), symbol.declaration.membership.clone());
                 model.inputs.push(Input { known, membership, held, ..Input::new(quantity) });
             }
             Role::State => {

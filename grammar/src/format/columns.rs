@@ -249,7 +249,7 @@ fn cell(piece: &Piece<'_>, last: Cell) -> Option<Cell> {
         "in" if last != Cell::Value => Some(Cell::Bounds),
         "fixed" | "per" if !matches!(last, Cell::Value | Cell::Bounds | Cell::Doc) => Some(Cell::Doc),
         // behind a unit it is no function
-        "log" | "held" if last == Cell::Unit => Some(Cell::Doc),
+        "log" | "held" | "linear" if last == Cell::Unit => Some(Cell::Doc),
         _ => None,
     }
 }

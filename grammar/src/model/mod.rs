@@ -41,8 +41,9 @@ pub struct Input {
     pub known: bool,
     /// Of a value that runs bring: the group that it stands for.
     pub membership: Option<Membership>,
-    /// Declared `held`: it keeps its value until the next sample (zero-order hold). Whether others do is said with their records.
-    pub held: bool,
+    /// How it goes between samples: it keeps its value until the next one (`held`, zero-order hold), or goes in straight lines (`linear`). Of others that is
+    /// said with their records.
+    pub held: Option<bool>,
     /// Made from `measured(.)` or by [`Model::substituted`]: a hidden input, filled from the record of this output. `None`
     /// for a declared input.
     pub measured: Option<u32>,
@@ -55,7 +56,7 @@ pub struct Input {
 impl Input {
     /// An input of which nothing else is said.
     pub fn new(quantity: Quantity) -> Self {
-        Self { quantity, known: false, membership: None, held: false, measured: None, computed: None, slope: None }
+        Self { quantity, known: false, membership: None, held: None, measured: None, computed: None, slope: None }
     }
 
     /// Whether it was declared, so that a record has a column of it; hidden inputs follow from other columns.

@@ -169,7 +169,14 @@ impl<'a> Reader<'a> {
             let message = format!("`{name}` is declared in the model already");
             self.tell(Code::DeclaredTwice, d.name.span, message, "give the requirement another name");
         }
-        let attributes = [d.fixed, d.per_run, d.log, d.held, d.shape.map(|s| s.span), d.wrap.as_ref().map(|w| w.span)];
+        let attributes = [
+            d.fixed,
+            d.per_run,
+            d.log,
+            d.hold.map(|h| h.span),
+            d.shape.map(|s| s.span),
+            d.wrap.as_ref().map(|w| w.span),
+        ];
         for span in attributes.into_iter().flatten().chain(d.group.as_ref().map(|g| g.span)) {
             let message = format!("the requirement `{name}` has a unit and limits, nothing else");
             self.tell(Code::WrongAttribute, span, message, "`requirement name [unit] = expression in [lower, upper];`");

@@ -120,7 +120,7 @@ fn want(rule: Rule) -> Option<Want> {
         }
         Rule::unit => Want::Unit,
         Rule::word_run | Rule::word_group => Want::Run,
-        Rule::per_group | Rule::held | Rule::wrap | Rule::word_wrap => Want::Attribute,
+        Rule::per_group | Rule::hold | Rule::wrap | Rule::word_wrap => Want::Attribute,
         Rule::period => Want::Expression,
         Rule::equals => Want::Equals,
         Rule::tilde => Want::Tilde,
@@ -565,7 +565,7 @@ impl<'a> Build<'a> {
                 Rule::bounds => d.bounds = self.bounds(part, place),
                 Rule::fixed => d.fixed = Some(place),
                 Rule::by_log => d.log = Some(place),
-                Rule::held => d.held = Some(place),
+                Rule::hold => d.hold = Some(Hold { held: part.as_str() == "held", span: place }),
                 Rule::per_group => {
                     let name = part.into_inner().find(|p| p.as_rule() == Rule::name);
                     d.group = name.map(|name| word(&name, self.offset, 0));
@@ -740,7 +740,7 @@ fn repeated(rule: Rule, name: &str, second: Span, first: Span) -> Diagnostic {
         Rule::bounds => "bounds twice",
         Rule::fixed => "`fixed` twice",
         Rule::by_log => "`log` twice",
-        Rule::held => "`held` twice",
+        Rule::hold => "`held` or `linear` twice",
         Rule::per_group => "`per group` twice",
         Rule::wrap => "`wrap` twice",
         Rule::effect_class => "a second class",

@@ -213,7 +213,7 @@ impl<'a> Printer<'a> {
             let _ = write!(out, " per group {}", group.text);
         }
         out.push_str(if d.log.is_some() { " log" } else { "" });
-        out.push_str(if d.held.is_some() { " held" } else { "" });
+        out.push_str(d.hold.map_or("", |hold| if hold.held { " held" } else { " linear" }));
         if let Some(wrap) = &d.wrap {
             let _ = write!(out, " wrap {}", wrap.text);
         }

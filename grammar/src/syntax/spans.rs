@@ -105,7 +105,7 @@ fn of_declaration(d: &mut Declaration, visit: &mut impl FnMut(&mut Span)) {
         visit(&mut wrap.span);
     }
     rest.into_iter()
-        .chain([d.fixed.as_mut(), d.per_run.as_mut(), d.log.as_mut(), d.held.as_mut()])
+        .chain([d.fixed.as_mut(), d.per_run.as_mut(), d.log.as_mut(), d.hold.as_mut().map(|h| &mut h.span)])
         .flatten()
         .for_each(visit);
 }

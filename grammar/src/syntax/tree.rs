@@ -259,8 +259,8 @@ pub struct Declaration {
     pub wrap: Option<Wrap>,
     /// `log`: estimated by its logarithm
     pub log: Option<Span>,
-    /// `held`: an input that keeps its value until the next sample
-    pub held: Option<Span>,
+    /// `held` or `linear`: how an input goes between samples
+    pub hold: Option<Hold>,
     /// Said of what no user wrote: a state or a `let` of a block.
     pub made: Option<Made>,
     /// Said of a value that no user wrote: whether a run belongs to a group.
@@ -284,7 +284,7 @@ impl Declaration {
             group: None,
             wrap: None,
             log: None,
-            held: None,
+            hold: None,
             made: None,
             membership: None,
             span,
@@ -299,6 +299,15 @@ pub struct Membership {
     pub grouping: String,
     /// The group, `A`.
     pub group: String,
+}
+
+/// `held`, `linear`: how an input goes between samples.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Hold {
+    /// Whether it keeps its value until the next one; else it goes in straight lines.
+    pub held: bool,
+    /// The word.
+    pub span: Span,
 }
 
 /// `wrap 360`, `wrap 2*pi`: values that differ by a multiple of the period are the same.

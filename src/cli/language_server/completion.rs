@@ -32,7 +32,7 @@ pub(super) fn items(document: &Document, offset: usize) -> Vec<CompletionItem> {
         Context::Nothing => Vec::new(),
         Context::Unit => fdm_grammar::unit::symbols().map(|s| word(s, CompletionItemKind::UNIT)).collect(),
         Context::Statement => statements(document),
-        Context::Attribute => ["in", "fixed", "per run", "log", "held"].into_iter().map(keyword).collect(),
+        Context::Attribute => ["in", "fixed", "per run", "log", "held", "linear"].into_iter().map(keyword).collect(),
         Context::Operator => ["and", "or", "then", "else"].into_iter().map(keyword).collect(),
         Context::Operand => {
             let mut items: Vec<_> = document.declared().map(|d| name(document, d)).collect();

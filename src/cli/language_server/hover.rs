@@ -26,6 +26,7 @@ const ABOUT: &[(&str, &str)] = &[
     ("in", "`in [lower, upper]`: bounds"),
     ("fixed", "known, not estimated"),
     ("held", "an input that keeps its value until the next sample (zero-order hold)"),
+    ("linear", "an input that goes in straight lines between samples; a table that is interpolated by them"),
     ("per", "`per run`: a value of its own in every run"),
     ("run", "`per run`: a value of its own in every run"),
     ("free", "the initial value is estimated in every run"),

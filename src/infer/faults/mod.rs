@@ -22,8 +22,8 @@ use crate::evidence::climb::Climb;
 use crate::evidence::decimation::decimation;
 use crate::search::log_sum;
 use fdm_doctor::{
-    AloneOptions, Channels, Fault, Finding, Kinematics, Record, Role, Severity, Slot, Witness, aliased, edited, examine_alone,
-    information, mask, pace, sort,
+    AloneOptions, Channels, Edit, Fault, Finding, Kinematics, Record, Role, Severity, Slot, Witness, aliased, edited,
+    examine_alone, information, mask, pace, sort,
 };
 use fdm_estimate::{Estimate, FitOptions, Termination, Work};
 use fdm_system::Model;
@@ -179,7 +179,7 @@ fn base(model: &Model, runs: &[Run], work: &Work<'_>) -> Option<Base> {
 struct Found {
     findings: Vec<Finding>,
     weighed: Vec<Weighed>,
-    edits: Vec<fdm_doctor::Edit>,
+    edits: Vec<Edit>,
     /// With the estimates of the mended records as start values.
     model: Model,
     fits: usize,
@@ -258,10 +258,8 @@ pub(crate) struct Mended {
     /// Evidence of the findings beside records as they are, and the log prior odds in it.
     pub(crate) evidence: f64,
     pub(crate) prior: f64,
-    /// The text with the initial values free that the records contradict.
+    /// The text with the initial values free that the records contradict, and what they say of inputs between samples.
     pub(crate) model: Model,
-    /// Whether there are such.
-    pub(crate) freed: bool,
     /// Whether the faults are but holds of inputs of which nobody had said how they go between samples.
     pub(crate) assumed: bool,
     pub(crate) runs: Vec<Run>,
@@ -293,7 +291,12 @@ pub(crate) fn mended(fitted: &FittedModel, runs: &[Run], work: &Work<'_>) -> (Op
     let begun: Vec<&str> = found.begun.iter().map(String::as_str).collect();
     let of = |(run, record): (&Run, &Record)| edited(run, record, &names, &found.edits, definition).ok();
     let mended = runs.iter().zip(&records).map(of).collect::<Option<Vec<Run>>>();
-    let text = fitted.subject.with_free_initials(&begun);
+    let of_input = |edit: &Edit| match *edit {
+        Edit::Hold(Slot::Input(k), held) => Some((definition.inputs[k].quantity.name.as_str(), held)),
+        _ => None,
+    };
+    let holds: Vec<(&str, bool)> = found.edits.iter().filter_map(of_input).collect();
+    let text = fitted.subject.with_free_initials_and_holds(&begun, &holds);
     let model = text.and_then(|text| Model::from_source(text).ok());
     let mended = mended.zip(model).map(|(runs, model)| Mended {
         evidence: found.evidence + prior * found.findings.len() as f64,
@@ -301,7 +304,6 @@ pub(crate) fn mended(fitted: &FittedModel, runs: &[Run], work: &Work<'_>) -> (Op
         assumed: found.findings.iter().filter(|f| f.severity == Severity::Finding).all(|f| f.fault == Fault::Hold),
         findings: found.findings,
         model,
-        freed: !begun.is_empty(),
         runs,
     });
     (mended, together)

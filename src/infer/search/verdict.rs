@@ -70,7 +70,7 @@ pub fn diagnose(
         Domain::Time if work.goes_on() => mended(&first, &all, work),
         _ => (None, f64::NEG_INFINITY),
     };
-    let before = rms(&first, &first.response, runs, 0..runs.train);
+    let given = AsGiven { text: model.source().text(), rms: rms(&first, &first.response, runs, 0..runs.train) };
     let judged_mended = |mended: &Mended| -> Option<(Diagnosis, Null)> {
         let runs = Runs { all: &mended.runs, ..runs };
         asked.judged(asked.fitted(&mended.model, runs).ok()?, runs).ok()
@@ -81,7 +81,7 @@ pub fn diagnose(
         && let Some((own, _)) = judged_mended(mended)
     {
         let evidence = mended.evidence + best(&own);
-        let mut found = with_mended(of_record(evidence, vec![nothing()]), before, mended, own);
+        let mut found = with_mended(of_record(evidence, vec![nothing()]), given, mended, own);
         found.notes.splice(0..0, notes);
         return Ok(found);
     }
@@ -99,7 +99,7 @@ pub fn diagnose(
     let own = beside.as_ref().map_or(f64::NEG_INFINITY, |(mended, own)| mended.evidence + best(own));
     found.explanations = of_record(faults.max(own), found.explanations);
     if let Some((mended, own)) = beside.filter(|_| found.explanations[0].verdict == Verdict::RecordFault) {
-        found = with_mended(found.explanations, before, &mended, own);
+        found = with_mended(found.explanations, given, &mended, own);
     }
     found.notes.splice(0..0, notes);
     Ok(found)
@@ -136,14 +136,16 @@ fn nothing() -> Explanation {
     Explanation { verdict: Verdict::NoEffectFound, evidence: 0.0, probability: 0.0 }
 }
 
-/// A diagnosis of mended records, in the place of that of records as they are, whose explanations and errors these are.
-fn with_mended(
-    explanations: Vec<Explanation>,
-    before: Vec<Option<f64>>,
-    mended: &Mended,
-    mut own: Diagnosis,
-) -> Diagnosis {
-    let outputs = before.into_iter().zip(&own.front[0].outputs).map(|(before, after)| MendedOutput {
+/// A model as it was given, beside records as they are.
+struct AsGiven<'a> {
+    text: &'a str,
+    /// Root mean square residual of each output on the training runs.
+    rms: Vec<Option<f64>>,
+}
+
+/// A diagnosis of mended records, in the place of that of records as they are, whose explanations these are.
+fn with_mended(explanations: Vec<Explanation>, given: AsGiven<'_>, mended: &Mended, mut own: Diagnosis) -> Diagnosis {
+    let outputs = given.rms.into_iter().zip(&own.front[0].outputs).map(|(before, after)| MendedOutput {
         output: after.output.clone(),
         unit: after.unit.clone(),
         before,
@@ -155,8 +157,8 @@ fn with_mended(
     if own.verdict == Verdict::NoEffectFound {
         own.verdict = Verdict::RecordFault;
         own.explanations = explanations;
-        // initial values that are free now
-        own.extended = Some(mended.model.source().text().to_string()).filter(|_| mended.freed);
+        // with initial values that are free now, and how inputs go between samples
+        own.extended = Some(mended.model.source().text().to_string()).filter(|text| text != given.text);
     }
     own
 }

@@ -65,7 +65,8 @@ fn declared(model: &Model) -> Vec<Declared> {
     };
     let role = |i: &Input| match (i.known, i.held) {
         (true, _) => "known",
-        (_, true) => "input, held",
+        (_, Some(true)) => "input, held",
+        (_, Some(false)) => "input, linear",
         _ => "input",
     };
     let inputs = m.inputs.iter().map(|i| row(role(i), &i.quantity, None, from(i)));

@@ -367,8 +367,8 @@ fn interpolation(found: &InputInterpolation) -> Option<Remark> {
         format!("; {name} becomes {value}, {} standard errors away", digits(m.standard_errors.abs(), 2))
     });
     if found.is_otherwise() {
-        let word =
-            if found.held { format!("`--linear {input}`") } else { format!("`--zoh {input}`, `input {input} held;`") };
+        let (option, attribute) = if found.held { ("linear", "linear") } else { ("zoh", "held") };
+        let word = format!("`--{option} {input}`, `input {input} {attribute};`");
         let more = found.asked.map_or(String::new(), |times| {
             format!("; the residuals ask for {} times as much: look for a delay or lag too", digits(times, 2))
         });

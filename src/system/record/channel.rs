@@ -37,8 +37,8 @@ pub struct Channel {
     pub known: bool,
     /// Of a value that runs bring: the group that it stands for.
     pub membership: Option<Membership>,
-    /// Of an input: whether the model's text says that it is held between samples.
-    pub held: bool,
+    /// Of an input: whether it is held between samples, where the model's text says so.
+    pub held: Option<bool>,
     /// Of an output: the period of an angle.
     pub wrap: Option<f64>,
 }
@@ -46,7 +46,7 @@ pub struct Channel {
 impl Channel {
     /// A channel that may change from sample to sample.
     pub fn new(name: impl Into<String>, unit: Option<Unit>) -> Self {
-        Self { name: name.into(), unit, known: false, membership: None, held: false, wrap: None }
+        Self { name: name.into(), unit, known: false, membership: None, held: None, wrap: None }
     }
 }
 

@@ -39,8 +39,7 @@ impl Holds {
             let of_known = channel.known.then_some(false);
             // an input that jumps has no derivative
             let differentiated = channels.slopes.iter().any(|s| s.of as usize == k).then_some(false);
-            let by_text = channel.held.then_some(true);
-            let stated = typed.or_else(by_map).or(by_text).or(of_known).or(differentiated);
+            let stated = typed.or_else(by_map).or(channel.held).or(of_known).or(differentiated);
             let moves = || moves_at_samples(inputs.iter().skip(k).step_by(m.max(1)).copied().filter(|v| !v.is_nan()));
             let taken = stated.is_none() && channels.timed && moves();
             holds.taken.extend(taken.then_some(k));

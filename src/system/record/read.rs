@@ -301,7 +301,8 @@ fn check_options(channels: &Channels, options: &ReadOptions) -> Vec<Problem> {
         let fault = Fault::UnknownChannel { option, channel: held.clone(), channels: Names::new(inputs()) };
         problems.push(fault.anywhere().maybe_hint(hint));
     }
-    for (k, channel) in channels.inputs.iter().enumerate().filter(|(_, c)| c.held && !options.linear.contains(&c.name))
+    for (k, channel) in
+        channels.inputs.iter().enumerate().filter(|(_, c)| c.held == Some(true) && !options.linear.contains(&c.name))
     {
         if channels.slopes.iter().any(|s| s.of as usize == k) {
             problems.push(Fault::HeldDerivative(channel.name.clone()).anywhere());
