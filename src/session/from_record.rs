@@ -91,7 +91,7 @@ const DRIVING: [&str; 42] = [
 /// # Errors
 /// [`Failure`], where it cannot be read, or holds no times or no signals.
 pub fn looked_at(path: &Path) -> Result<Looked, Failure> {
-    let (log, notes) = open_log(path, false).map_err(|e| Failure::Records(vec![e]))?;
+    let (log, notes) = open_log(path, false, None).map_err(|e| Failure::Records(vec![e]))?;
     let refused = |what: &str| Failure::input([format!("{}: {what}", path.display())]);
     let timed = log.topics.iter().filter(|t| t.time.is_some() && t.rows() > 2);
     let Some(topic) = timed.max_by_key(|t| t.rows() * t.fields.len()) else {
