@@ -38,7 +38,8 @@ pub(crate) struct Arguments {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
-    let (log, notes) = open_log(&arguments.file, arguments.salvage).map_err(|e| Failure::Records(vec![e]))?;
+    let (log, notes) =
+        open_log(&arguments.file, arguments.salvage, arguments.take.as_ref()).map_err(|e| Failure::Records(vec![e]))?;
     let mut said: Vec<String> = notes.iter().map(ToString::to_string).collect();
     let Some(map) = &arguments.take else {
         said.iter().for_each(|note| aside(format_args!("note: {}", visible(note))));

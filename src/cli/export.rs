@@ -260,7 +260,7 @@ fn unit(arguments: &Arguments, (model, errors): (&Model, &BTreeMap<String, f64>)
     ended(true)
 }
 
-/// The library that goes into units: the one that the environment names, or that beside this program; or where to get it.
+/// The library that goes into units: the one that the environment names, that beside this program, or that where it was built; or where to get it.
 pub(crate) fn unit_library() -> Result<PathBuf, String> {
     let named = std::env::var_os(LIBRARY).map(PathBuf::from);
     if let Some(path) = named {
@@ -269,9 +269,12 @@ pub(crate) fn unit_library() -> Result<PathBuf, String> {
     }
     let name = library_name();
     beside().ok_or_else(|| {
+        let folder = std::env::current_exe().ok().and_then(|p| Some(p.parent()?.display().to_string()));
+        let folder = folder.unwrap_or_else(|| "FOLDER".into());
         format!(
-            "{name} is not beside this program, where `cargo install` does not put it: copy it from target/release of the checkout \
-             (`cargo build --release --package fdm-fmu` makes it), or name it with --library FILE or in {LIBRARY}"
+            "{name} is neither beside this program nor where it was built: in a checkout of fdm type\n  \
+             cargo build --release --package fdm-fmu && cp target/release/{name} {folder}\n\
+             or name it by --library FILE or {LIBRARY}"
         )
     })
 }
@@ -284,10 +287,13 @@ fn library_name() -> String {
     format!("{}fdm_fmu{}", std::env::consts::DLL_PREFIX, std::env::consts::DLL_SUFFIX)
 }
 
-/// The library beside this program, or in the folder beside it where Cargo puts what tests need.
+/// The library beside this program or in the build folder, where `cargo install` leaves it; or in the folder within where Cargo puts what others
+/// need.
 fn beside() -> Option<PathBuf> {
     let program = std::env::current_exe().ok()?.canonicalize().ok()?;
     let folder = program.parent()?;
-    let places = [folder.join(library_name()), folder.join("deps").join(library_name())];
-    places.into_iter().find(|path| path.is_file())
+    // `OUT_DIR` is PROFILE/build/PACKAGE/out
+    let built = Path::new(env!("OUT_DIR")).ancestors().nth(3)?;
+    let places = [folder, built].into_iter().flat_map(|folder| [folder.to_path_buf(), folder.join("deps")]);
+    places.map(|place| place.join(library_name())).find(|path| path.is_file())
 }

@@ -112,10 +112,9 @@ pub fn repaired_map<'a>(
         map.channel.entry(channel.name.clone()).or_insert_with(|| ChannelMap::plain(&channel.column));
     }
     let repairs: Vec<&Repair> = repairs.into_iter().collect();
-    let turned = repairs.iter().find_map(|r| r.frame);
-    map.frame = map.frame.or(turned);
+    map.frame = map.frame.or(repairs.iter().find_map(|r| r.frame));
     let names: Vec<&str> = record.channels.iter().map(|c| c.name.as_str()).collect();
-    let made = turned.map(|frame| frame.turned(&names).0).unwrap_or_default();
+    let made = map.frame.map(|frame| frame.turned(&names).0).unwrap_or_default();
     for repair in repairs {
         let columns: BTreeMap<String, ChannelMap> = map.channel.clone();
         map.time.rate = repair.rate.or(map.time.rate);

@@ -25,7 +25,7 @@ pub fn calibration_page(found: &CalibrationDocument) -> String {
         .with(Part::Pair(drawn.collect()));
     let (trust, clause) = verdict(found);
     html::page(&Report {
-        kind: "calibration",
+        kind: "calibration".into(),
         name: found.model.clone(),
         doc: None,
         verdict: Verdict::new(trust, sentence(clause)).with_facts(format!("{}.", facts(found))),
@@ -44,7 +44,7 @@ fn verdict(found: &CalibrationDocument) -> (Trust, &'static str) {
 
 fn facts(found: &CalibrationDocument) -> String {
     format!(
-        "{} of {} repeats, family-wise p {:.3}, {} divergent trajectories, seed {}",
+        "{} of {} repeats, family-wise p {:.3}, {} divergent, seed {}",
         found.done, found.asked, found.p, found.divergent, found.seed
     )
 }

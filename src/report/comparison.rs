@@ -20,7 +20,7 @@ pub fn comparison_table(comparison: &Comparison) -> String {
 pub fn comparison_page(comparison: &Comparison) -> String {
     let incomparable = comparison.candidates.iter().filter_map(incomparable);
     html::page(&Report {
-        kind: "comparison",
+        kind: "comparison".into(),
         name: comparison.candidates.iter().map(|c| c.name.as_str()).collect::<Vec<_>>().join(", "),
         doc: None,
         verdict: verdict(comparison)

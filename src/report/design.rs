@@ -5,6 +5,7 @@ use super::section::{Part, Report, Rows, Section, Trust, Verdict};
 use crate::page::figure::{Figure, Look, Mark, Panel};
 use crate::page::number::bracketed;
 use crate::regions;
+use crate::words::Words;
 use crate::{html, text};
 use fdm_results::documents::design::{Design, Distinction, Experiment, Experiments, Gain, Manoeuvre, Outlook};
 use fdm_results::documents::digits;
@@ -26,13 +27,13 @@ pub type Drawn = (Vec<f64>, Vec<f64>);
 
 /// Planned experiments, and parameters before and after them.
 pub fn experiments_table(found: &Experiments, model: &Model) -> String {
-    text::sections(&[planned_experiments(found, model)])
+    told(planned_experiments(found, model), model)
 }
 
 /// A page of planned experiments with the response of each.
 pub fn experiments_page(found: &Experiments, model: &Model, drawn: &[Drawn]) -> String {
     let count = found.experiments.len();
-    let sentence = format!("{} planned.{}", counted(count, "experiment"), least_known(&found.outlook));
+    let sentence = format!("{} planned.{}", counted(count, "experiment"), least_known(&found.outlook, count));
     let trust = if found.undetermined_then.is_empty() { Trust::Good } else { Trust::Reserved };
     let said = "One standard error of every parameter as a part of its value: by the runs so far, and after the planned experiments.";
     let drawn_errors = errors(&found.outlook, count).into_iter().flat_map(|f| [Part::Line(said.into()), f.into()]);
@@ -41,16 +42,18 @@ pub fn experiments_page(found: &Experiments, model: &Model, drawn: &[Drawn]) -> 
         .with_all(regions::of_experiments(found).map(|picture| Part::Markup(picture.markup())));
     let samples = Section::new("samples", "When samples are taken")
         .with_all(found.experiments.iter().zip(drawn).enumerate().map(|(k, one)| course(k, one, model)));
-    html::page(&Report {
-        kind: "design of the next experiments",
-        name: model.name().into(),
-        doc: Some(model.definition().doc.clone()).filter(|doc| !doc.is_empty()),
-        verdict: Verdict::new(trust, sentence),
-        sections: [planned_experiments(found, model), known, samples]
-            .into_iter()
-            .filter(|section| !section.parts.is_empty())
-            .collect(),
-    })
+    html::page(
+        &Words::of(model.source()).report(Report {
+            kind: "design of the next experiments".into(),
+            name: model.name().into(),
+            doc: Some(model.definition().doc.clone()).filter(|doc| !doc.is_empty()),
+            verdict: Verdict::new(trust, sentence),
+            sections: [planned_experiments(found, model), known, samples]
+                .into_iter()
+                .filter(|section| !section.parts.is_empty())
+                .collect(),
+        }),
+    )
 }
 
 fn planned_experiments(found: &Experiments, model: &Model) -> Section {
@@ -105,26 +108,33 @@ fn course(k: usize, (planned, (at, response)): (&Experiment, &Drawn), model: &Mo
         .in_group("samples")
 }
 
+/// A section as text, in the words of the model's field.
+fn told(section: Section, model: &Model) -> String {
+    text::sections(&[Words::of(model.source()).section(section)])
+}
+
 fn counted(count: usize, what: &str) -> String {
     format!("{count} {what}{}", if count == 1 { " is" } else { "s are" })
 }
 
 /// The parameter that is least known after all that is planned, as a sentence behind another.
-fn least_known(outlook: &[Outlook]) -> String {
+fn least_known(outlook: &[Outlook], count: usize) -> String {
+    let what = if count == 1 { "it" } else { "them" };
     let last = |o: &Outlook| o.then.last().copied().flatten().or(o.now.filter(|_| o.then.is_empty()));
     let relative = |o: &&Outlook| last(o).map_or(f64::INFINITY, |e| e / o.value.abs());
     let least = outlook.iter().max_by(|a, b| relative(a).total_cmp(&relative(b)));
-    least.map_or(String::new(), |o| format!(" Least known after them: {}, {}.", o.parameter, part(o.value, last(o))))
+    least.map_or(String::new(), |o| format!(" Least known after {what}: {}, {}.", o.parameter, part(o.value, last(o))))
 }
 
 /// Parameters now and then, planned runs, the most informative manoeuvres, and what nothing would determine.
 pub fn design_table(design: &Design, model: &Model) -> String {
-    text::sections(&[section(design, model)])
+    told(section(design, model), model)
 }
 
 /// A page of planned runs.
 pub fn design_page(design: &Design, model: &Model, planned: &[Planned]) -> String {
-    let sentence = format!("{} planned.{}", counted(design.steps.len(), "run"), least_known(&design.outlook));
+    let count = design.steps.len();
+    let sentence = format!("{} planned.{}", counted(count, "run"), least_known(&design.outlook, count));
     let trust = if design.undetermined_then.is_empty() { Trust::Good } else { Trust::Reserved };
     let flown = Section::new("inputs", "What is flown")
         .with_all(planned.iter().enumerate().filter_map(|(k, (name, columns))| inputs(k, name, columns)));
@@ -132,16 +142,18 @@ pub fn design_page(design: &Design, model: &Model, planned: &[Planned]) -> Strin
         let said = "One standard error of every parameter as a part of its value: by the runs so far, and after the planned ones.";
         Section::new("errors", "What is known").line(said).with(figure)
     });
-    html::page(&Report {
-        kind: "design of the next runs",
-        name: model.name().into(),
-        doc: Some(model.definition().doc.clone()).filter(|doc| !doc.is_empty()),
-        verdict: Verdict::new(trust, sentence),
-        sections: std::iter::once(section(design, model))
-            .chain(drawn)
-            .chain(Some(flown).filter(|s| !s.parts.is_empty()))
-            .collect(),
-    })
+    html::page(
+        &Words::of(model.source()).report(Report {
+            kind: "design of the next runs".into(),
+            name: model.name().into(),
+            doc: Some(model.definition().doc.clone()).filter(|doc| !doc.is_empty()),
+            verdict: Verdict::new(trust, sentence),
+            sections: std::iter::once(section(design, model))
+                .chain(drawn)
+                .chain(Some(flown).filter(|s| !s.parts.is_empty()))
+                .collect(),
+        }),
+    )
 }
 
 /// Errors now, after the first planned run and after the last, parameter by parameter.
@@ -154,8 +166,9 @@ fn errors(outlook: &[Outlook], count: usize) -> Option<Figure> {
     let mut marks = vec![Mark::dots("by the runs so far", LOOKS[0], percent(&|o| o.now))];
     marks.extend((count > 0).then(|| Mark::dots("after run 1", LOOKS[1], after(0))));
     marks.extend((count > 1).then(|| Mark::dots(&format!("after run {count}"), LOOKS[2], after(count - 1))));
-    let any = marks.iter().flat_map(|m| &m.values).any(|v| v.is_finite());
-    any.then(|| {
+    // of one parameter the table says all
+    let many = marks.iter().any(|m| m.values.iter().filter(|v| v.is_finite()).count() > 1);
+    many.then(|| {
         Figure::new("errors-1", "standard errors", "parameter", (1..=outlook.len()).map(|k| k as f64).collect())
             .with(Panel::new("of the value [%]", 200, marks).logarithmic())
             .named(outlook.iter().map(|o| o.parameter.clone()).collect())
@@ -215,7 +228,7 @@ pub fn distinction_table(found: &Distinction, model: &Model) -> String {
         .lines(runs)
         .with(table)
         .lines(lost(&found.lost, &time).into_iter().chain(unclear));
-    text::sections(&[section])
+    told(section, model)
 }
 
 /// Manoeuvres that were left out.

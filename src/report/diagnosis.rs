@@ -9,6 +9,7 @@ use crate::page::number::{behind, bracketed, unit_of_frequency};
 use crate::page::subject::Subject;
 use crate::page::thinning::Kept;
 use crate::text;
+use crate::words::Words;
 use fdm_doctor::{Finding, probability};
 use fdm_infer::{
     Biased, Cause, EffectAt, Feedback, FrontModel, FrontOutput, LackOfFit, NewValue, OutputGain, PlaceKind,
@@ -37,13 +38,15 @@ const OUTPUTS: usize = 2;
 /// Standard errors by which a parameter has moved before it is shown.
 const MOVED: f64 = 1.0;
 
-/// Sentences and tables: what is missing, how sure that is and what it changes; where `verbose`, all that was weighed, tried and assumed as well.
-pub fn diagnosis_text(found: &DiagnosisDocument, verbose: bool) -> String {
+/// Sentences and tables in the words of a field: what is missing, how sure that is and what it changes; where `verbose`, all that was weighed, tried
+/// and assumed as well.
+pub fn diagnosis_text(found: &DiagnosisDocument, verbose: bool, words: Words) -> String {
     let stopped = is_cut_short(found).then(|| "The search was stopped before its end.".into());
     let head = unexplained(found).chain([verdict(found).sentence]).chain(likelier(found)).chain(stopped);
-    let head = head.map(|said| format!("{said}\n")).collect();
+    let head = head.map(|said| format!("{}\n", words.told(&said))).collect();
     let brief = || mended(found).into_iter().chain([brief(found)]).collect();
-    text::below(head, &if verbose { whole(found) } else { brief() })
+    let sections = if verbose { whole(found) } else { brief() };
+    text::below(head, &sections.into_iter().map(|section| words.section(section)).collect::<Vec<_>>())
 }
 
 /// What is told first: causes or places, what else it could be, the errors of each output.
@@ -290,7 +293,8 @@ fn amplitudes(k: usize, m: &LackOfFit) -> Option<Figure> {
     let own = || m.amplitudes.iter().filter(|b| b.signal == *signal);
     let at = own().map(|b| 0.5 * (b.from + b.to)).collect();
     let values = own().map(|b| b.rms).collect();
-    let label = format!("size of {signal}");
+    let unit = m.unit.as_deref().filter(|_| m.output == *signal);
+    let label = format!("size of {signal}{}", bracketed(unit));
     let mut figure = shares(format!("amplitudes-{}", k + 1), "at which amplitude", label, at, values)?;
     figure.panels[0].label = format!("RMS{}", bracketed(m.unit.as_deref()));
     figure.panels[0].marks[0].name = "RMS of the error".into();
@@ -342,7 +346,7 @@ fn cause(c: &Cause) -> Vec<String> {
 
 /// A parameter of an effect with its error.
 fn value(p: &NewValue) -> String {
-    let unit = p.unit.as_ref().map_or(String::new(), |u| format!(" {u}"));
+    let unit = p.unit.as_ref().filter(|u| *u != "1").map_or(String::new(), |u| format!(" {u}"));
     let error = p.standard_error.map_or(String::new(), |e| format!(" +- {}", digits(e, 2)));
     let apart = |written: &f64| p.standard_error.is_some_and(|e| (written - p.value).abs() > APART * e);
     // a wrong text fitted to other weights has other values

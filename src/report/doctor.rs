@@ -34,7 +34,7 @@ pub fn doctor_page(found: &DoctorDocument, records: &[Record]) -> String {
     };
     let name = found.model.clone().or_else(|| records.first().map(|r| r.run.clone()));
     html::page(&Report {
-        kind: "records judged",
+        kind: "records judged".into(),
         name: name.unwrap_or_else(|| "records".into()),
         doc: None,
         verdict: Verdict::new(trust, said)

@@ -1,6 +1,7 @@
 //! A fit: how it ended and whether it can be trusted, its parameters and residuals, what should not be overlooked, and how it came about.
 
 use super::section::{Part, Point, Section, Trust, Verdict, capital};
+use super::words::Words;
 use crate::page::number::{behind, shown, text as number};
 use crate::{parameters, remarks, residuals, text};
 use fdm_estimate::Estimate;
@@ -13,6 +14,8 @@ pub struct Detail {
     pub intervals: bool,
     /// Every remark, not only the five that speak most against the result.
     pub verbose: bool,
+    /// The words of the model's field.
+    pub words: Words,
 }
 
 /// Parameters with standard errors, then the quality of each output, then what should not be overlooked.
@@ -25,7 +28,7 @@ pub fn estimate_text(estimate: &Estimate, detail: Detail) -> String {
     let outputs: Vec<OutputDocument> = estimate.outputs.iter().map(OutputDocument::from).collect();
     let section = Section::new("fit", "Fit").with(parameters::table(&estimate.parameters, false));
     let section = section.with_all((!outputs.is_empty()).then(|| residuals::table(&outputs)));
-    closed(section, remark_lines(&estimate_remarks(estimate), detail))
+    closed(section, remark_lines(&estimate_remarks(estimate), detail), detail.words)
 }
 
 /// Tables of a fit in the time domain: parameters with standard errors, each output with the tests of its residuals, and remarks, with so
@@ -46,7 +49,7 @@ pub fn fit_table(fit: &FitDocument, detail: Detail) -> String {
     last.extend(silent.map(|name| Part::Line(format!("`{name}` stands at 0: the records show no noise there"))));
     let section = Section::new("fit", "Fit").with(parameters::table(&fit.parameters, detail.intervals && tested));
     let section = section.with_all((!fit.outputs.is_empty()).then(|| residuals::table(&fit.outputs)));
-    closed(section, last)
+    closed(section, last, detail.words)
 }
 
 /// Remarks as lines.
@@ -55,11 +58,11 @@ pub(crate) fn remark_lines(remarks: &[Remark], detail: Detail) -> Vec<Part> {
 }
 
 /// With what is said last; its last line is left open.
-pub(crate) fn closed(section: Section, last: Vec<Part>) -> String {
+pub(crate) fn closed(section: Section, last: Vec<Part>, words: Words) -> String {
     if last.is_empty() {
-        return text::sections(&[section]);
+        return text::sections(&[words.section(section)]);
     }
-    let text = text::sections(&[section.with(Part::Gap).with_all(last)]);
+    let text = text::sections(&[words.section(section.with(Part::Gap).with_all(last))]);
     text.trim_end_matches('\n').into()
 }
 

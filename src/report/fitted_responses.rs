@@ -41,7 +41,7 @@ pub fn fitted_response_table(fit: &ResponseFit, detail: Detail) -> String {
         .with(parameters::table(&fit.parameters(), detail.intervals))
         .with_all((!found.sensitivities.is_empty()).then(|| sensitivities(&found.sensitivities)))
         .with_all((!found.pairs.is_empty()).then(|| costs(&found)));
-    closed(section, last) + &in_time(fit.finish.as_ref(), fit.unfinished.as_ref())
+    closed(section, last, detail.words) + &in_time(fit.finish.as_ref(), fit.unfinished.as_ref())
 }
 
 /// Costs, responses and sensitivities.

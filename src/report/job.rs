@@ -28,7 +28,7 @@ pub fn job_page(status: &JobStatus) -> String {
     let verdict = Verdict::new(trust, said).with_points(silent, "shards").with_points(damaged, "missing");
     let mut sections = vec![progress(status), shards(status), missing(status)];
     sections.retain(|s| !s.parts.is_empty());
-    html::page(&Report { kind: "job", name: status.folder.clone(), doc: None, verdict, sections })
+    html::page(&Report { kind: "job".into(), name: status.folder.clone(), doc: None, verdict, sections })
 }
 
 fn progress(status: &JobStatus) -> Section {

@@ -49,6 +49,7 @@ mod text;
 mod validation;
 mod verification;
 mod visible;
+mod words;
 mod wrap;
 
 pub use calibration::calibration_text;
@@ -84,4 +85,5 @@ pub use page::fit_verdict;
 pub use validation::{band_verdict, baseline_table, validation_text};
 pub use verification::verification_table;
 pub use visible::visible;
+pub use words::Words;
 pub use wrap::wrapped;

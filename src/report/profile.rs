@@ -30,7 +30,7 @@ pub fn profile_page(model: &str, profiles: &[Profile]) -> String {
         Section::drawn("regions", "Joint confidence regions", picture.markup()).note(note)
     });
     html::page(&Report {
-        kind: "profile likelihood",
+        kind: "profile likelihood".into(),
         name: model.into(),
         doc: None,
         verdict: verdict(profiles),

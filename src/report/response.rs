@@ -42,7 +42,7 @@ pub fn responses_page(model: &str, found: &FrequencyResponseEstimate, names: &Re
         .with(Part::Pair(figures(&all[..all.len().min(DRAWN)], names)))
         .notes((more > 0).then(|| format!("{more} more pairs are in the JSON.")));
     html::page(&Report {
-        kind: "frequency responses",
+        kind: "frequency responses".into(),
         name: model.into(),
         doc: None,
         verdict: Verdict::new(trust, sentence).with_points(points, "pairs"),

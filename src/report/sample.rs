@@ -39,7 +39,7 @@ pub fn sample_page(found: &SampleDocument, draws: &ArvizDocument) -> String {
     });
     let all = [Some(parameters(found)), pairs, chains(found, draws), predictions(found, draws), Some(sampler(found))];
     let sections = all.into_iter().flatten().collect();
-    html::page(&Report { kind: "posterior", name: found.model.clone(), doc: None, verdict, sections })
+    html::page(&Report { kind: "posterior".into(), name: found.model.clone(), doc: None, verdict, sections })
 }
 
 /// Whether the draws can be used.

@@ -5,12 +5,13 @@
 
 use crate::page::figure::Figure;
 use maud::Markup;
+use std::borrow::Cow;
 
 /// A result as it is reported.
 #[derive(Debug)]
 pub(crate) struct Report {
     /// What it is about, in a word or two.
-    pub(crate) kind: &'static str,
+    pub(crate) kind: Cow<'static, str>,
     /// The model's name, or whatever else it is about.
     pub(crate) name: String,
     /// What that says of itself.
@@ -88,13 +89,13 @@ pub(crate) struct Section {
     /// The name by which links find it.
     pub(crate) anchor: &'static str,
     /// Above it, and in the list of contents.
-    pub(crate) title: &'static str,
+    pub(crate) title: Cow<'static, str>,
     pub(crate) parts: Vec<Part>,
 }
 
 impl Section {
     pub(crate) fn new(anchor: &'static str, title: &'static str) -> Self {
-        Self { anchor, title, parts: Vec::new() }
+        Self { anchor, title: Cow::Borrowed(title), parts: Vec::new() }
     }
 
     /// Of what pages alone can show.

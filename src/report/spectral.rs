@@ -52,7 +52,7 @@ pub fn spectral_table(fit: &SpectralFit, detail: Detail) -> String {
         .with(parameters::table(&fit.parameters(), detail.intervals))
         .lines(ends)
         .with_all(spectra);
-    closed(section, last) + &in_time(fit.finish.as_ref(), fit.unfinished.as_ref())
+    closed(section, last, detail.words) + &in_time(fit.finish.as_ref(), fit.unfinished.as_ref())
 }
 
 /// How well time histories are matched behind a fit in the frequency domain, or why that is not known.

@@ -19,7 +19,7 @@ use fdm_lab::design::{
 };
 use fdm_lab::experiment::Amount;
 use fdm_report::page::{design_page, experiments_page};
-use fdm_report::{Drawn, Planned, design_table, distinction_table, experiments_table};
+use fdm_report::{Drawn, Planned, Words, design_table, distinction_table, experiments_table};
 use fdm_results::store::ResultFolder;
 use fdm_system::Model;
 use fdm_system::record::Run;
@@ -125,7 +125,7 @@ pub fn design(
     if asked.plans_experiments() {
         return experiments(asked, question, conduct);
     }
-    conduct.progress.say("comparing manoeuvres");
+    conduct.progress.say(&Words::of(model.source()).told("comparing manoeuvres"));
     let found = design_runs(&question, conduct.progress.halt()).map_err(Failure::Input)?;
     let one = |(k, step): (usize, &Step)| table(&question, &step.manoeuvre, &run_name(k));
     let tables: Vec<_> = found.steps.iter().enumerate().filter_map(one).collect();
@@ -173,8 +173,8 @@ fn between(asked: &Options, conduct: &mut Conduct) -> Result<Answer, Failure> {
         questions.push(asked.question(model, folder.as_ref(), runs)?);
     }
     let (Some(second), Some(first)) = (questions.pop(), questions.pop()) else { return Ok(Answer::default()) };
-    conduct.progress.say("comparing manoeuvres");
     let rivals = Rivals { first, second };
+    conduct.progress.say(&Words::of(rivals.first.model.source()).told("comparing manoeuvres"));
     let mut found = distinction(&rivals, conduct.progress.halt()).map_err(Failure::Input)?;
     if found.models[0] == found.models[1] {
         found.models = [&asked.between[0], &asked.between[1]].map(|path| {

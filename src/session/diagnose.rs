@@ -16,7 +16,7 @@ use crate::word::one_of;
 use clap::Args;
 use fdm_estimate::{CheckpointStore, Domain, FitOptions};
 use fdm_infer::{self as infer, Diagnosis, DiagnosisError, DiagnosisOptions, diagnose as search};
-use fdm_report::diagnosis_text;
+use fdm_report::{Words, diagnosis_text};
 use fdm_results::documents::DiagnosisDocument;
 use fdm_results::store::Identity;
 use fdm_system::Model;
@@ -102,7 +102,8 @@ impl Diagnosed<'_> {
         let changed = |text: &String| difference(session.model.source().text(), text, &asked.model.model);
         let difference = found.extended.as_ref().map(changed).unwrap_or_default();
         let gap = if difference.is_empty() { "" } else { "\n" };
-        let told = |verbose: bool| format!("{}{gap}{difference}", diagnosis_text(&document, verbose));
+        let words = Words::of(session.model.source());
+        let told = |verbose: bool| format!("{}{gap}{difference}", diagnosis_text(&document, verbose, words));
         let both = Wanted { json: wanted.json || wanted.files, ..wanted };
         let answer = Answer::of(told(wanted.verbose), &document, both)?;
         let mut answer = Answer { good: *in_time && !found.stopped, ..answer };

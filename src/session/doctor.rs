@@ -5,13 +5,13 @@ use crate::conduct::Conduct;
 use crate::failure::Failure;
 use crate::halt::TimeLimit;
 use crate::load::load_model;
-use crate::records::{Records, read_records, record};
+use crate::records::{Records, Selection, read_records, record};
 use crate::session::Session;
 use crate::value::{number, probability};
 use clap::Args;
 use fdm_doctor::{AloneOptions, Finding, Record, Severity, examine_alone, examine_repeats, repaired_map};
 use fdm_infer::{BesideOptions, Examination, examine_beside};
-use fdm_readers::Topic;
+use fdm_readers::{Log, RecordMap, Topic, take};
 use fdm_report::doctor_text;
 use fdm_report::page::doctor_page;
 use fdm_results::documents::DoctorDocument;
@@ -133,7 +133,7 @@ impl Options {
             return records;
         }
         let wider = records.iter().zip(&files).zip(session.read()).map(|((record, file), (_, summary))| {
-            let (log, _) = open_log(&file.path, self.records.selection.salvage).ok()?;
+            let (log, _) = open_log(&file.path, self.records.selection.salvage, None).ok()?;
             let [topic] = &log.topics[..] else { return None };
             Some(record.clone().with_other_columns(topic, summary?, &file.options))
         });
@@ -147,8 +147,14 @@ impl Options {
     /// # Errors
     /// [`Failure::Records`]
     pub(crate) fn judged_alone(&self, files: &[PathBuf], more: Vec<(Assumptions, Topic)>) -> Result<Judged, Failure> {
-        let mut tables = tables(files, self.records.selection.salvage)?;
-        tables.extend(more);
+        let Selection { salvage, map_file, .. } = &self.records.selection;
+        let mut tables = tables(files, *salvage, map_file.as_ref())?;
+        for (told, topic) in more {
+            let log = Log { format: "arrays", topics: vec![topic], ..Log::default() };
+            let (log, notes) = mapped(log, map_file.as_ref(), &told.run)?;
+            let told = notes.iter().fold(told, |told, note| told.noted("reading", note.clone()));
+            tables.extend(log.topics.into_iter().map(|topic| (told.clone(), topic)));
+        }
         let records: Vec<Record> = tables.iter().map(|(told, topic)| Record::of_topic(&told.run, topic)).collect();
         let told = tables.into_iter().map(|(told, _)| told).collect();
         let found = Examination { findings: self.by_records(&records), ..Examination::default() };
@@ -185,18 +191,28 @@ fn seen(session: &Session) -> Vec<Record> {
     session.read().map(|(run, summary)| Record::of_run(definition, run, summary)).collect()
 }
 
-/// Every table of every file with more than two rows.
-fn tables(files: &[PathBuf], salvage: bool) -> Result<Vec<(Assumptions, Topic)>, Failure> {
+/// What a map takes of a log, as its only table, and what was done on the way; without a map the log as it is.
+fn mapped(log: Log, map: Option<&RecordMap>, place: &str) -> Result<(Log, Vec<String>), Failure> {
+    let Some(map) = map else { return Ok((log, Vec::new())) };
+    let mut taken = take(&log, map, &|_| Some(false))
+        .map_err(|errors| Failure::input(errors.iter().map(|e| format!("{place}: {e}"))))?;
+    let notes = std::mem::take(&mut taken.notes);
+    Ok((Log { topics: vec![taken.into_topic()], ..log }, notes))
+}
+
+/// Every table of every file with more than two rows; by a map its channels.
+fn tables(files: &[PathBuf], salvage: bool, map: Option<&RecordMap>) -> Result<Vec<(Assumptions, Topic)>, Failure> {
     let mut tables = Vec::new();
     for path in files {
-        let (log, notes) = open_log(path, salvage).map_err(|e| Failure::Records(vec![e]))?;
+        let (log, notes) = open_log(path, salvage, map).map_err(|e| Failure::Records(vec![e]))?;
+        let (log, taken) = mapped(log, map, &path.display().to_string())?;
         let name = path.file_stem().map_or_else(|| "run".into(), |s| s.to_string_lossy().into_owned());
-        let mut notes = notes.into_iter();
+        let mut notes = notes.iter().map(ToString::to_string).chain(taken);
         for topic in log.topics.into_iter().filter(|t| t.rows() > 2) {
             let name = if topic.name.is_empty() { name.clone() } else { format!("{name}: {}", topic.name) };
             // said once of each file
             let told = Assumptions::of_samples(&name, "table", topic.rows());
-            tables.push((notes.by_ref().fold(told, |told, note| told.noted("reading", note.to_string())), topic));
+            tables.push((notes.by_ref().fold(told, |told, note| told.noted("reading", note)), topic));
         }
     }
     Ok(tables)

@@ -270,7 +270,7 @@ impl Extend {
 
 /// The times of the longest table of a record, in the unit of the model.
 fn times(path: &Path, at: &Subject) -> Result<Vec<f64>, Failure> {
-    let (log, _) = open_log(path, false).map_err(|e| Failure::Records(vec![e]))?;
+    let (log, _) = open_log(path, false, None).map_err(|e| Failure::Records(vec![e]))?;
     let longest = log.topics.iter().filter_map(Topic::seconds).max_by_key(Vec::len);
     let Some(seconds) = longest else {
         return Err(Failure::input([format!(

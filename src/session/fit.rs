@@ -26,7 +26,7 @@ use fdm_estimate::{
 use fdm_lab::job;
 use fdm_lab::study::StudyError;
 use fdm_report::{
-    Detail, TimeHistory, baseline_table, confidence, fit_table, fit_verdict, fitted_response_columns,
+    Detail, TimeHistory, Words, baseline_table, confidence, fit_table, fit_verdict, fitted_response_columns,
     fitted_response_table, hidden_mode, history_table, overlays, prediction_table, regression_table, spectral_table,
     spectrum_columns, starts_hint, starts_table, way,
 };
@@ -326,7 +326,8 @@ impl Options {
         session: &Session,
         (verdict, verbose): (&str, bool),
     ) -> String {
-        let detail = Detail { intervals: self.intervals, verbose };
+        let words = Words::of(found.model().source());
+        let detail = Detail { intervals: self.intervals, verbose, words };
         let mut text = format!("{}\n{verdict}\n\n{}\n", title(found.model()), tables(found, detail));
         if self.history {
             text.push_str(&format!("\n{}\n", history_table(&e.history)));

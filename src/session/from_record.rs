@@ -41,7 +41,7 @@ const OUTPUTS: usize = 4;
 const INPUTS: usize = 4;
 
 /// Parts of names that commands, controls and conditions have.
-const DRIVING: [&str; 42] = [
+const DRIVING: [&str; 47] = [
     "u",
     "in",
     "input",
@@ -58,6 +58,11 @@ const DRIVING: [&str; 42] = [
     "demand",
     "stick",
     "pedal",
+    "ped",
+    "cyclic",
+    "collective",
+    "coll",
+    "col",
     "lever",
     "elevator",
     "elev",
@@ -86,12 +91,17 @@ const DRIVING: [&str; 42] = [
     "da",
 ];
 
+/// Sticks of a helicopter, which are called as a position over the earth is.
+const STICKS: [&str; 4] = ["lat", "lon", "dlat", "dlon"];
+/// Part of its size by which a position over the earth does not change: a tenth of ten degrees is 110 km, farther than a test flight.
+const STAYS: f64 = 0.1;
+
 /// Looks at the largest table of a file.
 ///
 /// # Errors
 /// [`Failure`], where it cannot be read, or holds no times or no signals.
 pub fn looked_at(path: &Path) -> Result<Looked, Failure> {
-    let (log, notes) = open_log(path, false).map_err(|e| Failure::Records(vec![e]))?;
+    let (log, notes) = open_log(path, false, None).map_err(|e| Failure::Records(vec![e]))?;
     let refused = |what: &str| Failure::input([format!("{}: {what}", path.display())]);
     let timed = log.topics.iter().filter(|t| t.time.is_some() && t.rows() > 2);
     let Some(topic) = timed.max_by_key(|t| t.rows() * t.fields.len()) else {
@@ -141,7 +151,9 @@ impl Looked {
             held,
             values: field.values.clone(),
         };
-        let (list, most) = match held || drives(&field.name) {
+        let moves = high - low > STAYS * low.abs().max(high.abs());
+        let drives = is_called(&field.name, &DRIVING) || moves && is_called(&field.name, &STICKS);
+        let (list, most) = match held || drives {
             true => (&mut self.inputs, INPUTS),
             false => (&mut self.outputs, OUTPUTS),
         };
@@ -264,11 +276,11 @@ fn digits(value: f64) -> String {
     short.to_string()
 }
 
-/// Whether a name is that of a command, a control or a condition.
-fn drives(name: &str) -> bool {
+/// Whether a part of a name is one of these words.
+fn is_called(name: &str, words: &[&str]) -> bool {
     let lower = name.to_lowercase();
     let mut parts = lower.split(|c: char| !c.is_alphabetic()).filter(|p| !p.is_empty());
-    parts.any(|part| DRIVING.contains(&part))
+    parts.any(|part| words.contains(&part))
 }
 
 /// A name of the language, unlike those that are taken.
@@ -296,6 +308,25 @@ mod tests {
         assert_eq!(identifier("2 x", &[]), "c2_x");
         assert_eq!(identifier("input", &[]), "input_m");
         assert_eq!(identifier("u", &["u".into()]), "u_m");
+        let drives = |name| is_called(name, &DRIVING);
         assert!(drives("stick_cmd") && drives("Throttle (%)") && !drives("roll rate") && !drives("cmdline9x"));
+    }
+
+    #[test]
+    fn sticks_of_a_helicopter_drive_and_positions_do_not() {
+        let wave = |k: usize, mean: f64, size: f64| mean + size * (0.3 * k as f64).sin() * (0.07 * k as f64).cos();
+        let names = ["lat", "lon", "ped", "col", "p"];
+        let mut topic = Topic { fields: Vec::new(), ..Topic::default() };
+        let mut looked = |size: f64| {
+            let of = |k: usize| (0..200).map(|t| wave(t + 9 * k, 48.0 * (1.0 - size), size)).collect::<Vec<f64>>();
+            topic.fields = names.iter().enumerate().map(|(k, name)| Field::new(*name, None, of(k))).collect();
+            let time = (0..200).map(f64::from).collect();
+            let (inputs, outputs, left_out, notes) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+            let mut looked = Looked { time, inputs, outputs, left_out, notes };
+            topic.fields.iter().enumerate().for_each(|(k, field)| looked.sort_in(k, field, &topic));
+            looked.inputs.iter().map(|c| c.name.clone()).collect::<Vec<_>>()
+        };
+        assert_eq!(looked(1.0), ["lat", "lon", "ped", "col"]);
+        assert_eq!(looked(1e-3), ["ped", "col"], "a track about a place");
     }
 }

@@ -19,7 +19,7 @@ use fdm_estimate::residuals::Baseline;
 use fdm_estimate::{Fit, FitOptions, fit, fit_from_initial_conditions};
 use fdm_infer::{LackOfFit, RunResidual, lack_of_fit};
 use fdm_lab::posterior::Bands;
-use fdm_report::{Detail, band_verdict, estimate_text, fit_verdict, validation_text};
+use fdm_report::{Detail, Words, band_verdict, estimate_text, fit_verdict, validation_text};
 use fdm_results::documents::{BandCoverage, FitDocument, ResultDocument, Validation};
 use fdm_results::store::{Identity, ResultFolder};
 use fdm_system::record::{Run, Sampling};
@@ -109,7 +109,7 @@ pub fn answer(
     };
     let document = FitDocument { validation: Some(validation.clone()), ..FitDocument::of(&fit) };
     let told = |verbose: bool| {
-        let detail = Detail { verbose, ..Detail::default() };
+        let detail = Detail { verbose, words: Words::of(fit.model.source()), ..Detail::default() };
         text(&fit, &validation, &fit_verdict(&document), &baselines, detail)
     };
     let (brief, whole) = (told(false), Some(told(true)));

@@ -245,7 +245,7 @@ fn opened(studio: &Studio, path: &str) -> Result<Arc<Opened>, Refusal> {
         let _ = own;
         return Ok(Arc::clone(opened));
     }
-    let (log, notes) = open_log(&place, true).map_err(|e| Refusal::wrong(e.to_string()))?;
+    let (log, notes) = open_log(&place, true, None).map_err(|e| Refusal::wrong(e.to_string()))?;
     let opened = Arc::new(Opened { log, notes: notes.iter().map(ToString::to_string).collect() });
     *kept = Some((key, Arc::clone(&opened)));
     Ok(opened)

@@ -58,3 +58,58 @@ fn what_is_missing_is_asked_for() {
         assert!(said.contains(expected), "{words}: {said}");
     }
 }
+
+/// A stirred tank with a first-order reaction: its feed is moved, as a stick would be.
+const REACTOR: &str = "model tank {
+  input feed [mol/l];
+  state A [mol/l] = 1;
+  param k = 0.5 in [0.01, 10] [1/s], D = 0.2 fixed [1/s];
+  reactions { A -> 0 : k*A; 0 -> A : D*feed; }
+  output c [mol/l] = A;
+  noise c = 0.01;
+}
+";
+
+/// The same without a feed, from amounts that may be chosen.
+const BATCH: &str = "model tank {
+  known A0 per run [mol/l];
+  state A [mol/l] = A0;
+  param k = 0.5 in [0.01, 10] [1/s];
+  der(A) = -k*A;
+  output c [mol/l] = A;
+  noise c = 0.01;
+}
+";
+
+#[test]
+fn chemists_are_told_of_experiments() {
+    let desk = Desk::with([("tank.fdm", REACTOR), ("batch.fdm", BATCH)]);
+    for plan in [
+        "tank.fdm --duration 10 --dt 0.1 --amplitude feed=1 --runs 2",
+        "batch.fdm --level A0=0.2..3 --samples 2 --duration 10 --runs 2",
+    ] {
+        let told = desk.good(&format!("design {plan} --report plan.html -q"));
+        let page = desk.text("plan.html");
+        // what the script draws from names runs as their files
+        let page = page.split("<body>").nth(1).unwrap().split("<script").next().unwrap();
+        for text in [told.as_str(), page] {
+            assert!(text.contains("experiment"), "{plan}: {text}");
+            assert!(["manoeuvre", "flown", "runs"].iter().all(|word| !text.contains(word)), "{plan}: {text}");
+        }
+        std::fs::remove_file(desk.path("plan.html")).unwrap();
+    }
+}
+
+#[test]
+fn experiments_are_planned_in_levels_and_times() {
+    let desk = Desk::with([("batch.fdm", BATCH)]);
+    let plan =
+        "design batch.fdm --level A0=0.2..3 --samples 2 --duration 10 --dt 0.1 --runs 1 --records plan --json -q";
+    let found = desk.json(plan);
+    // A0*t*exp(-k*t) is largest at the highest amount, a time constant after the beginning
+    let one = &found["experiments"][0];
+    assert_eq!(one["levels"][0]["value"].as_f64(), Some(3.0), "{one}");
+    let times: Vec<f64> = one["times"].as_array().unwrap().iter().filter_map(Value::as_f64).collect();
+    assert!(times.len() == 2 && times.iter().all(|t| (t - 2.0).abs() <= 0.15), "{times:?}");
+    assert!(desk.text("plan/run_1.csv").contains("A0"));
+}

@@ -186,3 +186,37 @@ fn machine_code_in_a_model_that_only_a_file_names_wants_a_word() {
     let found = desk.refused("reproduce .");
     assert!(found.contains("lag.fmu") && found.contains("--allow-units"), "{found}");
 }
+
+#[test]
+fn a_record_without_a_model_is_judged_by_its_map() {
+    const G: f64 = 9.806_65;
+    let mut state = 1u64;
+    // uniform within one of both sides, the same everywhere
+    let mut noise = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+    };
+    let mut text = String::from("t [s],phi [deg],theta [deg],psi [deg],ax [m/s^2],ay [m/s^2],az [m/s^2]\n");
+    for k in 0..600 {
+        let t = 0.05 * f64::from(k);
+        let (phi, theta, psi) = (0.3 * (0.9 * t).sin(), 0.2 * (0.6 * t).sin() + 0.05, 0.4 * (0.3 * t).sin());
+        let force = [G * theta.sin(), -G * theta.cos() * phi.sin(), -G * theta.cos() * phi.cos()];
+        let degrees = |v: f64| v.to_degrees();
+        // east-north-up and forward-left-up
+        let row = [degrees(phi), degrees(-theta), 90.0 - degrees(psi), force[0], -force[1], -force[2]];
+        let cells: Vec<String> = row.iter().map(|v| format!("{:.5}", v + 0.05 * noise())).collect();
+        text.push_str(&format!("{t:.2},{}\n", cells.join(",")));
+    }
+    let desk = Desk::with([("flown.csv", text)]);
+    let findings = |found: &serde_json::Value| {
+        let all = found["findings"].as_array().unwrap().clone();
+        all.into_iter().filter(|f| f["severity"] == "finding").collect::<Vec<_>>()
+    };
+    let found = findings(&desk.json("doctor flown.csv --fix own.toml --json -q"));
+    assert_eq!(found[0]["repair"]["line"], "frame = \"enu-flu\"", "{found:?}");
+    let again = desk.json("doctor flown.csv --map-file own.toml --json -q");
+    assert!(findings(&again).is_empty(), "{again}");
+    assert!(again["records"].to_string().contains("are turned from"), "{again}");
+    desk.write("slip.toml", desk.text("own.toml").replace("from = \"az\"", "from = \"azz\""));
+    assert!(desk.refused("doctor flown.csv --map-file slip.toml -q").contains("channel.az.from = \"azz\""));
+}

@@ -415,3 +415,16 @@ fn a_library_steps_through_a_record_as_fdm_simulates_it() {
 }
 
 static ORDER: c_int = 1;
+
+/// `cargo install` copies the program alone.
+#[test]
+fn a_program_far_from_its_library_finds_it_where_both_were_built() {
+    let desk = desk();
+    let program = desk.path("installed");
+    fs::copy(support::fdm().get_program(), &program).unwrap();
+    let mut command = Command::new(&program);
+    let words = "export m.fdm --set zeta=0.5 --to fmu -o m.fmu";
+    let done = command.args(words.split(' ')).current_dir(desk.folder()).output().unwrap();
+    assert!(done.status.success(), "{}", said(&done));
+    assert!(fs::metadata(desk.path("m.fmu")).unwrap().len() > 100_000);
+}

@@ -30,7 +30,10 @@ pub(crate) const PAGES: [(&str, &str); 12] = [
     ("spectra", "spectra models/trex550/coupled.fdm --data models/trex550/first_half.csv"),
     ("doctor", "doctor models/trex550/coupled.fdm --data models/trex550/first_half.csv --no-estimated"),
     ("validation", "validate cubic --data models/ship_roll_decay/run.csv --every 16"),
-    ("design", "design cubic --duration 20 --dt 0.1 --amplitude 1"),
+    (
+        "design",
+        "design models/trex550/coupled.fdm --data models/trex550/first_half.csv --duration 10 --dt 0.1 --amplitude lat=0.3 --amplitude lon=0.3 --noise p_m=0.05 --noise q_m=0.05",
+    ),
     ("regression", "regress models/trex550/coupled.fdm --data models/trex550/first_half.csv --fix skew --dependence"),
 ];
 

@@ -35,6 +35,15 @@ pub struct TakenColumn {
     pub sampled: Vec<bool>,
 }
 
+impl Taken {
+    /// The columns as one table over their time.
+    pub fn into_topic(self) -> Topic {
+        let time = self.time.map(|values| Field::new("t", Some("s"), values));
+        let columns = self.columns.into_iter().map(|c| Field::new(c.name, c.unit.as_deref(), c.values));
+        Topic { time: time.as_ref().map(|_| 0), fields: time.into_iter().chain(columns).collect(), ..Topic::default() }
+    }
+}
+
 /// Why a map does not fit a log.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum TakeError {

@@ -9,6 +9,7 @@ use super::subject::{Content, Subject};
 use super::{drawing, headline};
 use crate::html;
 use crate::section::{Report, Section};
+use crate::words::Words;
 use crate::{
     confidence, convergence, correlations, diagnosis, equations, histories, margins, modes, parameters, progress,
     regions, regression, reproduction, residuals, spectral, starts, study, surfaces, validation,
@@ -25,13 +26,13 @@ pub fn page(subject: &Subject) -> String {
         }
         Content::Result(_) => of_fit(subject),
     };
-    html::page(&Report {
-        kind: headline::kind(subject),
+    html::page(&Words::of(&subject.source).report(Report {
+        kind: headline::kind(subject).into(),
         name: subject.name().into(),
         doc: headline::doc(subject).map(str::to_string),
         verdict: headline::verdict(subject),
         sections,
-    })
+    }))
 }
 
 /// What kind of result it is, and the verdict on it in a sentence.

@@ -142,7 +142,7 @@ pub(crate) fn file(sheets: &[Sheet], paper: Paper) -> String {
 /// Width and height on paper.
 pub(crate) fn size(figure: &Figure) -> (f64, f64) {
     let panels: f64 = figure.panels.iter().map(|p| f64::from(p.height) + GAP).sum();
-    (WIDTHS[usize::from(figure.half)], TOP + panels - GAP + BOTTOM)
+    (WIDTHS[usize::from(figure.half || figure.is_few())], TOP + panels - GAP + BOTTOM)
 }
 
 fn body(figure: &Figure, width: f64, height: f64) -> Markup {
@@ -174,8 +174,12 @@ fn across(figure: &Figure, x: &Scale, width: f64) -> Vec<(f64, String)> {
         return figure.at.iter().copied().zip(figure.names.iter().cloned()).collect();
     }
     let room = (width / 95.0) as usize;
-    let numbers = figure.names.is_empty() || x.logarithmic;
-    x.ticks(if numbers { room } else { room.min((x.high - x.low) as usize).max(1) })
+    if !figure.names.is_empty() && !x.logarithmic {
+        return x.ticks(room.min((x.high - x.low) as usize).max(1));
+    }
+    // one number says nothing of the scale
+    let ticks = x.ticks(room);
+    if ticks.len() < 2 { x.ticks(2 * room) } else { ticks }
 }
 
 fn drawn(figure: &Figure, panel: &Panel, frame: &Frame) -> Markup {

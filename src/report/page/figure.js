@@ -85,7 +85,10 @@
       return data.at.map((v, k) => [v, names[k]]).filter(([v]) => v >= x.low && v <= x.high);
     }
     const room = Math.floor(width / 95);
-    return ticks(x, names && !data.logarithmic ? Math.max(1, Math.min(room, Math.floor(x.high - x.low))) : room);
+    if (names && !data.logarithmic) return ticks(x, Math.max(1, Math.min(room, Math.floor(x.high - x.low))));
+    // one number says nothing of the scale
+    const found = ticks(x, room);
+    return found.length < 2 ? ticks(x, 2 * room) : found;
   };
 
   // Drawing

@@ -6,6 +6,9 @@ use serde::Serialize;
 /// Fewer samples than this are seen one by one on paper: they are seven dots' widths apart.
 const FEW: usize = 60;
 
+/// No more things than this stand beside each other on half the width: two hundred pixels for each are enough for its name and a look at its dots.
+const THINGS: usize = 3;
+
 /// A figure.
 #[derive(Debug, Clone)]
 pub(crate) struct Figure {
@@ -202,7 +205,7 @@ impl Figure {
     /// The figure with what the script needs; drawn already for readers without scripts.
     pub(crate) fn markup(&self) -> Markup {
         html! {
-            figure.plot id=(self.id) data-group=(self.group) {
+            figure.plot.few[self.is_few()] id=(self.id) data-group=(self.group) {
                 figcaption {
                     span.caption { (self.caption) }
                     span.legend {
@@ -221,11 +224,18 @@ impl Figure {
         }
     }
 
-    /// The marks that need a key: each look once, by the name that it has first, and not those that the axis names already.
+    /// Whether dots at so few places would be lost on the whole width.
+    pub(crate) fn is_few(&self) -> bool {
+        let mut marks = self.panels.iter().flat_map(|p| &p.marks);
+        self.at.len() <= THINGS && marks.all(|m| matches!(m.shape, Shape::Dots | Shape::Bars))
+    }
+
+    /// The marks that need a key: each look once, by the name that it has first; not those that the axis names already, and none without a value.
     pub(crate) fn key(&self) -> Vec<&Mark> {
         let mut found: Vec<&Mark> = Vec::new();
         for panel in &self.panels {
-            for mark in panel.marks.iter().filter(|m| !m.name.is_empty() && !panel.label.starts_with(&m.name)) {
+            let needs = |m: &&Mark| !m.name.is_empty() && !panel.label.starts_with(&m.name);
+            for mark in panel.marks.iter().filter(needs).filter(|m| m.values.iter().any(|v| v.is_finite())) {
                 if !found.iter().any(|m| m.look == mark.look && m.shape.is_like(mark.shape)) {
                     found.push(mark);
                 }

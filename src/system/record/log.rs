@@ -109,11 +109,11 @@ fn whole(log: Result<Log, ReadError>, salvage: bool, notes: &mut Vec<Note>) -> R
     Ok(log)
 }
 
-/// All that a file holds, for people to look at before they map it.
+/// All that a file holds, for people to look at before they map it; the fields that a map wants under the names by which it calls them.
 ///
 /// # Errors
 /// [`RecordError`] of a file that cannot be read, holds no numbers, or is damaged while `salvage` is not wanted.
-pub fn open_log(path: &Path, salvage: bool) -> Result<(Log, Vec<Note>), RecordError> {
+pub fn open_log(path: &Path, salvage: bool, map: Option<&RecordMap>) -> Result<(Log, Vec<Note>), RecordError> {
     let told = |problem| RecordError { file: path.display().to_string(), problems: vec![problem] };
     let mut notes = Vec::new();
     let opened = content(path).and_then(|content| opened(content, salvage, &mut notes)).map_err(told)?;
@@ -130,7 +130,7 @@ pub fn open_log(path: &Path, salvage: bool) -> Result<(Log, Vec<Note>), RecordEr
             );
             notes.push(Note::Layout(said));
         }
-        let topic = topic(name, table, None, &mut notes);
+        let topic = topic(name, table, map, &mut notes);
         topics.push(topic.map_err(|problems| RecordError { file: path.display().to_string(), problems })?);
     }
     if topics.iter().all(|t| t.rows() == 0) {
