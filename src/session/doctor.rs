@@ -9,13 +9,14 @@ use crate::records::{Records, Selection, read_records, record};
 use crate::session::Session;
 use crate::value::{number, probability};
 use clap::Args;
-use fdm_doctor::{AloneOptions, Finding, Record, Severity, examine_alone, examine_repeats, repaired_map};
+use fdm_doctor::{AloneOptions, Fault, Finding, Record, Role, Severity, examine_alone, examine_repeats, repaired_map};
 use fdm_infer::{BesideOptions, Examination, examine_beside};
 use fdm_readers::{Log, RecordMap, Topic, take};
 use fdm_report::doctor_text;
 use fdm_report::page::doctor_page;
 use fdm_results::documents::DoctorDocument;
 use fdm_system::record::{Assumptions, open_log};
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 /// What records are judged with.
@@ -119,11 +120,32 @@ impl Options {
             let in_memory = || Assumptions::of_samples(&run.name, "arrays", run.len());
             summary.map_or_else(in_memory, |summary| Assumptions::of(&run.name, summary))
         });
-        let found = self.by_records(&records);
+        let mut found = self.by_records(&records);
+        let mended = self.mended_by_the_reader(session, &records);
+        let fresh = |f: &Finding| !found.iter().any(|known| (known.fault, &known.channels) == (f.fault, &f.channels));
+        let mended: Vec<Finding> = mended.into_iter().filter(fresh).collect();
+        found.extend(mended);
+        fdm_doctor::sort(&mut found);
         let options = BesideOptions { odds: self.odds, estimated: !self.no_estimated, ..BesideOptions::default() };
         let work = conduct.progress.work();
         let found = examine_beside(&session.model, &session.runs, &records, found, &options, &work);
         Judged { document: DoctorDocument::of(Some(session.model.name()), told.collect(), &found), records }
+    }
+
+    /// What a record holds no more once it is read for a model: pauses, behind which another run begins, and numbers that stand for missing values.
+    fn mended_by_the_reader(&self, session: &Session, runs: &[Record]) -> Vec<Finding> {
+        let Selection { salvage, map_file, .. } = &self.records.selection;
+        let paths: BTreeSet<PathBuf> = session.files().into_iter().map(|file| file.path.clone()).collect();
+        // what cannot be read as a table was read as what it is
+        let tables = tables(&Vec::from_iter(paths), *salvage, map_file.as_ref()).unwrap_or_default();
+        let records: Vec<Record> = tables.iter().map(|(told, topic)| Record::of_topic(&told.run, topic)).collect();
+        let mut found = self.by_records(&records);
+        let read = |name: &String| {
+            let mut channels = runs.iter().flat_map(|r| &r.channels);
+            name == "t" || channels.any(|c| c.role != Role::Unknown && (c.name == *name || c.column == *name))
+        };
+        found.retain(|f| matches!(f.fault, Fault::Gap | Fault::Sentinel) && f.channels.iter().all(read));
+        found
     }
 
     /// With the columns that the model does not read, where a file is one table and all files have the same ones.

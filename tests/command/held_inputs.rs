@@ -131,7 +131,7 @@ fn two_inputs_in_straight_lines_that_were_taken_for_held_are_no_delays() {
         serde_json::from_str(&printed(&desk.fdm("diagnose two.fdm --data two.csv --json --write linear.fdm"))).unwrap();
     let holds = found["mended"]["faults"].as_array().unwrap().iter().filter(|f| f["fault"] == "hold").count();
     assert_eq!((&found["verdict"], holds), (&"record_fault".into(), 2), "{found}");
-    let extended = desk.read("linear.fdm");
+    let extended = desk.text("linear.fdm");
     assert!(extended.contains("input u linear, v linear;"), "{extended}");
     let (table, notes) = fitted(&desk, "linear.fdm --data two.csv");
     assert!((value(&table, "T") - 0.4).abs() < 0.005 && !notes.contains("taken for held"), "{table} {notes}");

@@ -193,3 +193,28 @@ fn a_model_without_states_knows_the_time_of_its_record() {
     desk.write("r.csv", "t,u,y\n3,1,2\n1,2,4\nnoon,3,6.1\n1,4,8\n");
     assert!(desk.good("simulate m.fdm --data r.csv").lines().nth(2).is_some_and(|row| row.starts_with("1,")));
 }
+
+/// A reader mends pauses and numbers that stand for missing values; the doctor tells what the record had.
+#[test]
+fn what_the_reader_mends_is_found_by_the_doctor_once() {
+    let desk = desk();
+    let text = desk.text("both.csv");
+    let rows = text.lines().enumerate().filter(|(k, _)| !(61..75).contains(k));
+    let marked = rows.map(|(k, line)| match (k, &line.splitn(4, ',').collect::<Vec<_>>()[..]) {
+        (21 | 44 | 99, [t, u, _, rest]) => format!("{t},{u},-9999,{rest}\n"),
+        _ => format!("{line}\n"),
+    });
+    desk.write("marked.csv", marked.collect::<String>());
+    for text in
+        [MODEL.to_string(), MODEL.replace("p = p0, r = 0", "p = free, r = free").replace(", p0 per run = 0", "")]
+    {
+        desk.write("m.fdm", text);
+        let output = desk.fdm("doctor m.fdm --data marked.csv --json");
+        let found: Value = serde_json::from_str(&support::command::printed(&output)).unwrap();
+        let told = |fault: &str| {
+            let of = |f: &&Value| f["fault"] == fault && f["severity"] == "finding";
+            found["findings"].as_array().unwrap().iter().filter(of).count()
+        };
+        assert_eq!((told("gap"), told("sentinel")), (1, 1), "{found:#}");
+    }
+}
