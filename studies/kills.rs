@@ -5,6 +5,13 @@
 
 use support::writing::{FORMS, Table};
 
+/// The studio, killed at 200 random moments of clicks that write.
+#[test]
+#[ignore = "long: minutes"]
+fn a_studio_that_is_killed_loses_nothing_that_it_answered_for() {
+    println!("{} of 200 kills while it was at work: nothing lost", support::studio::kills(200, 2026));
+}
+
 #[test]
 #[ignore = "long: thousands of faults and ten thousand kills"]
 fn faults_and_kills_of_every_verb_lose_nothing() {

@@ -19,6 +19,8 @@ mod front;
 mod help;
 mod import;
 mod job;
+#[cfg(any(feature = "lsp", feature = "studio"))]
+mod language;
 #[cfg(feature = "lsp")]
 pub mod language_server;
 mod lsp;

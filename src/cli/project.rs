@@ -64,21 +64,31 @@ impl Several {
     }
 }
 
-/// The words of a command line with what the project file adds to them.
-pub(crate) fn completed(mut words: Vec<OsString>, command: &Command) -> Result<Vec<OsString>, Failure> {
+/// The words of a command line with what the project file adds to them, which is remarked.
+pub(crate) fn completed(words: Vec<OsString>, command: &Command) -> Result<Vec<OsString>, Failure> {
+    let (words, added) = completion(words, command)?;
+    added.into_iter().for_each(|note| remark(format_args!("{note}")));
+    Ok(words)
+}
+
+/// The words of a command line with what the project file adds to them, and a note of that.
+pub(crate) fn completion(
+    mut words: Vec<OsString>,
+    command: &Command,
+) -> Result<(Vec<OsString>, Option<String>), Failure> {
     let aside = words.iter().any(|w| w == ASIDE);
     words.retain(|w| w != ASIDE);
     if aside {
-        return Ok(words);
+        return Ok((words, None));
     }
     let lenient = command.clone().ignore_errors(true).try_get_matches_from(&words);
-    let Some((verb, typed)) = lenient.as_ref().ok().and_then(ArgMatches::subcommand) else { return Ok(words) };
-    let Some(of_verb) = command.find_subcommand(verb) else { return Ok(words) };
+    let Some((verb, typed)) = lenient.as_ref().ok().and_then(ArgMatches::subcommand) else { return Ok((words, None)) };
+    let Some(of_verb) = command.find_subcommand(verb) else { return Ok((words, None)) };
     let takes = |id: &str| of_verb.get_arguments().any(|a| a.get_id() == id);
     if !takes("data") && !takes("model") {
-        return Ok(words);
+        return Ok((words, None));
     }
-    let Some((up, text)) = found()? else { return Ok(words) };
+    let Some((up, text)) = found()? else { return Ok((words, None)) };
     let file = up.join(NAME);
     let allowed = words.iter().any(|w| w == ALLOW_UNITS);
     let project: Project = toml::from_str(&text)
@@ -89,14 +99,15 @@ pub(crate) fn completed(mut words: Vec<OsString>, command: &Command) -> Result<V
         models_are_named_by(file.display().to_string(), allowed);
     }
     let added: Vec<String> = in_front.iter().cloned().chain(behind).collect();
+    let mut note = None;
     if !added.is_empty() {
-        remark(format_args!("note: {} adds {}", file.display(), added.join(" ")));
+        note = Some(format!("note: {} adds {}", file.display(), added.join(" ")));
         let at = words.iter().position(|w| *w == *verb).map_or(words.len(), |k| k + 1);
         let (front, back) = added.split_at(in_front.len());
         words.splice(at..at, front.iter().map(OsString::from));
         words.extend(back.iter().map(OsString::from));
     }
-    Ok(words)
+    Ok((words, note))
 }
 
 /// The way up to the folder of the file, and its text.

@@ -20,7 +20,7 @@ pub(crate) struct Arguments {
 
 #[cfg(feature = "studio")]
 pub(crate) fn run(arguments: &Arguments) -> Ending {
-    use crate::failure::{Failure, aside, ended, print_lines};
+    use crate::failure::{Failure, aside, ended, print_lines, remark};
     use crate::project;
     use fdm_studio::{Doors, Server};
     use std::path::Path;
@@ -29,16 +29,19 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     if let Some(folder) = &arguments.folder {
         std::env::set_current_dir(folder).map_err(|e| Failure::at(folder, &e))?;
     }
-    let completed = |words: Vec<String>| {
-        let words = project::completed(words.into_iter().map(Into::into).collect(), &crate::command())?;
+    let said = std::sync::Mutex::new(None);
+    let completed = move |words: Vec<String>| {
+        let (words, note) = project::completion(words.into_iter().map(Into::into).collect(), &crate::command())?;
+        let mut said = said.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        // what is said once holds until the file says something else
+        if note.is_some() && *said != note {
+            note.iter().for_each(|note| remark(format_args!("{note}")));
+            *said = note;
+        }
         Ok(words.into_iter().map(|word| word.to_string_lossy().into_owned()).collect())
     };
-    #[cfg(feature = "lsp")]
-    let language = Some(std::sync::Mutex::new(crate::language_server::window::answering()));
-    #[cfg(not(feature = "lsp"))]
-    let language = None;
     let program = std::env::current_exe().ok();
-    let doors = Doors { completed: Box::new(completed), language, program };
+    let doors = Doors { completed: Box::new(completed), language: LANGUAGE, program };
     let server = Server::bind(Path::new(""), arguments.port, doors)?;
     let address = server.address();
     print_lines(&format!("{address}\n"));
@@ -49,6 +52,48 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     server.run();
     ended(true)
 }
+
+/// What the language says of a text, for the editor of the page.
+#[cfg(feature = "studio")]
+const LANGUAGE: fdm_studio::Language = {
+    use crate::language::document::{Document, Position};
+    use crate::language::{completion, hover};
+    use fdm_studio::{Finding, Language, Suggestion};
+
+    fn at(text: &str, (line, character): (u32, u32)) -> (Document, usize) {
+        let document = Document::new("", text.into());
+        let offset = document.offset(Position { line, character });
+        (document, offset)
+    }
+    Language {
+        findings: |name, text| {
+            let mut document = Document::new(name, text.into());
+            document.check();
+            let place = |p: Position| (p.line, p.character);
+            let one = |d: &fdm_grammar::Diagnostic| Finding {
+                place: document.range(d.span).map(place),
+                error: d.is_error(),
+                message: d.hint.as_ref().map_or_else(|| d.message.clone(), |hint| format!("{}; {hint}", d.message)),
+                code: d.code.text(),
+            };
+            document.findings.iter().map(one).collect()
+        },
+        suggestions: |text, place| {
+            let (document, offset) = at(text, place);
+            let one = |item: completion::Item| Suggestion {
+                called: item.kind == completion::Kind::Function,
+                label: item.label,
+                detail: item.detail,
+            };
+            completion::items(&document, offset).into_iter().map(one).collect()
+        },
+        explained: |text, place| {
+            let (mut document, offset) = at(text, place);
+            document.check();
+            hover::hover(&document, offset).map(|(text, _)| text)
+        },
+    }
+};
 
 /// Opens a browser as the system does; says whether one was found.
 #[cfg(feature = "studio")]

@@ -151,7 +151,8 @@ impl Folder {
         for word in words {
             let value = if word.starts_with('-') { word.split_once('=').map_or("", |(_, value)| value) } else { word };
             let path = Path::new(value);
-            let leaves = path.is_absolute() || path.components().any(|c| c == Component::ParentDir);
+            let up = value.split(['/', '\\']).any(|part| part == "..");
+            let leaves = path.is_absolute() || up;
             if leaves || path.symlink_metadata().is_ok_and(|m| m.is_symlink()) {
                 let said = format!(
                     "{word}: only files of this folder are read and written here; type the command in a terminal"

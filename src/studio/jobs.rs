@@ -5,12 +5,12 @@ use crate::http::{Refusal, Status};
 use crate::{Completed, Studio};
 use clap::Args;
 use fdm_report::page::duration;
-use fdm_results::store::Destination;
+use fdm_results::store::{Destination, write_file};
 use fdm_session::doctor::{self, Judged, judge};
 use fdm_session::failure::{Failure, OrFailure};
 use fdm_session::request::{Watch, parsed};
 use fdm_session::verb::answered;
-use fdm_session::{Answer, Verb, Wanted, diagnose, fit, profile};
+use fdm_session::{Answer, Verb, Wanted, design, diagnose, fit, profile};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -20,6 +20,9 @@ use std::time::Instant;
 const MOST_AT_WORK: usize = 2;
 /// Work that has ended and is remembered.
 const REMEMBERED: usize = 20;
+/// The options that say where results and planned runs are written.
+const OUT: &str = "--out=";
+const RECORDS: &str = "--records=";
 /// A folder's files, and the document.
 const WHOLE: Wanted = Wanted { json: true, files: true, folder: true, plot: false, verbose: false };
 
@@ -139,10 +142,11 @@ impl Jobs {
         }
         let place = match verb.as_str() {
             "doctor" => None,
-            "fit" | "diagnose" | "profile" => Some(studio.folder.new_result(verb)?),
-            _ => return Err(Refusal::wrong(format!("{verb}: fit, diagnose, profile and doctor work here"))),
+            "fit" | "diagnose" | "profile" | "design" => Some(studio.folder.new_result(verb)?),
+            _ => return Err(Refusal::wrong(format!("{verb}: fit, diagnose, profile, design and doctor work here"))),
         };
-        let out = place.as_ref().map(|place| format!("--out={place}"));
+        let option = if verb == "design" { RECORDS } else { OUT };
+        let out = place.as_ref().map(|place| format!("{option}{place}"));
         let typed = ["fdm".to_string(), verb.clone()].into_iter().chain(words.iter().cloned()).chain(out);
         let command: Vec<String> = typed.collect();
         let whole = (studio.doors.completed)(command.clone())?;
@@ -186,6 +190,7 @@ fn worked(studio: &Studio, job: &Job, whole: &[String]) -> Result<Answer, Failur
         "fit" => kept::<fit::Options>(studio, job, whole),
         "diagnose" => kept::<diagnose::Options>(studio, job, whole),
         "profile" => kept::<profile::Options>(studio, job, whole),
+        "design" => designed(studio, job, whole),
         _ => {
             let options: doctor::Options = parsed(&[], whole.get(2..).unwrap_or_default())?;
             let mut conduct = job.watch.conduct(Wanted { json: true, ..Wanted::default() }).within(&options.limit);
@@ -196,9 +201,21 @@ fn worked(studio: &Studio, job: &Job, whole: &[String]) -> Result<Answer, Failur
     }
 }
 
+/// Designs the next runs, and writes their manoeuvres into a folder.
+fn designed(studio: &Studio, job: &Job, whole: &[String]) -> Result<Answer, Failure> {
+    let options: design::Options = parsed(&[], whole.get(2..).unwrap_or_default())?;
+    let mut conduct = job.watch.conduct(Wanted::default()).within(&options.limit);
+    let answer = design::answer(&options, &mut conduct)?;
+    let place = studio.folder.result(job.place.as_deref().unwrap_or_default());
+    for (name, bytes) in &answer.files {
+        write_file(&place.join(name), bytes).map_err(|e| Failure::at(&place, &e))?;
+    }
+    Ok(answer)
+}
+
 /// Works out a verb as the command does, and keeps its folder.
 fn kept<V: Verb + Args>(studio: &Studio, job: &Job, whole: &[String]) -> Result<Answer, Failure> {
-    let words: Vec<String> = whole.iter().skip(2).filter(|w| !w.starts_with("--out=")).cloned().collect();
+    let words: Vec<String> = whole.iter().skip(2).filter(|w| !w.starts_with(OUT)).cloned().collect();
     let options: V = parsed(&[], &words)?;
     let mut conduct = job.watch.conduct(WHOLE).within(options.given().limit);
     let session = options.session(&conduct)?.of_command(whole.to_vec());

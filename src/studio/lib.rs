@@ -18,6 +18,7 @@ use fdm_session::Failure;
 use fdm_session::failure::OrFailure;
 use folder::Folder;
 use http::{Answer, Refusal, Request, Status};
+use serde::Serialize;
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -25,15 +26,50 @@ use std::sync::{Arc, Mutex};
 
 /// Words of a command, its name in front, with what the project file adds.
 pub type Completed = Box<dyn Fn(Vec<String>) -> Result<Vec<String>, Failure> + Send + Sync>;
-/// Asks the language server: a text, a method of the protocol, line and column (UTF-16) from 0; the answer is JSON.
-pub type Language = Box<dyn FnMut(&str, &str, (u32, u32)) -> String + Send>;
+/// Line and column (UTF-16) from 0.
+pub type Place = (u32, u32);
+
+/// What the language says of a text in the editor.
+#[derive(Clone, Copy)]
+pub struct Language {
+    /// Every mistake and warning of a text with this name.
+    pub findings: fn(&str, &str) -> Vec<Finding>,
+    /// What can be typed at a place.
+    pub suggestions: fn(&str, Place) -> Vec<Suggestion>,
+    /// What stands there, as Markdown.
+    pub explained: fn(&str, Place) -> Option<String>,
+}
+
+/// A mistake or a warning.
+#[derive(Debug, Serialize)]
+pub struct Finding {
+    /// Its beginning and its end.
+    pub place: [Place; 2],
+    /// Whether it is a mistake.
+    pub error: bool,
+    /// What is wrong, and the nearest fix.
+    pub message: String,
+    /// The code that `fdm explain` knows.
+    pub code: &'static str,
+}
+
+/// What can be typed.
+#[derive(Debug, Serialize)]
+pub struct Suggestion {
+    /// The word.
+    pub label: String,
+    /// What it is.
+    pub detail: Option<String>,
+    /// Whether arguments follow in brackets.
+    pub called: bool,
+}
 
 /// What the command brings.
 pub struct Doors {
     /// Completes the words of a command.
     pub completed: Completed,
-    /// The language server; none in a build without it.
-    pub language: Option<Mutex<Language>>,
+    /// What the language says of a text.
+    pub language: Language,
     /// The program, for commands that only print or write files; none where there is none.
     pub program: Option<PathBuf>,
 }

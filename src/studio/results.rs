@@ -2,12 +2,15 @@
 
 use crate::folder::{Folder, Kind, Listed};
 use fdm_report::page::{Subject, verdict};
-use fdm_results::store::{ResultFolder, whole_files};
+use fdm_results::store::{ResultFolder, fingerprint, whole_files};
 use fdm_session::effects::difference;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
+
+/// The text of the model in a result.
+pub(crate) const MODEL: &str = "model.fdm";
 
 /// What is shown of a result in the history.
 #[derive(Debug, Clone, Serialize)]
@@ -18,6 +21,8 @@ pub(crate) struct Seen {
     /// The verdict in a sentence.
     says: String,
     command: Vec<String>,
+    /// The fingerprint of the model's text.
+    text: Option<String>,
     parameters: Vec<Parameter>,
     /// Root mean square of the residuals of each output of each run.
     errors: Vec<OutputError>,
@@ -81,16 +86,18 @@ fn read(place: &Path, file: &Listed) -> Seen {
         kind: "result".into(),
         says: String::new(),
         command: Vec::new(),
+        text: None,
         parameters: Vec::new(),
         errors: Vec::new(),
     };
-    let subject = whole_files(place).map_err(|e| e.to_string());
-    let subject = subject.and_then(|files| Subject::from_files(&files).map_err(|e| e.to_string()));
+    let files = whole_files(place).map_err(|e| e.to_string());
+    let text = files.iter().flatten().find(|(name, _)| name == MODEL).map(|(_, bytes)| fingerprint(bytes));
+    let subject = files.and_then(|files| Subject::from_files(&files).map_err(|e| e.to_string()));
     let (kind, says) = match &subject {
         Ok(subject) => verdict(subject),
         Err(e) => ("unreadable", e.clone()),
     };
-    let seen = Seen { kind: kind.into(), says, ..empty };
+    let seen = Seen { kind: kind.into(), says, text, ..empty };
     let Ok(folder) = ResultFolder::open(place) else { return seen };
     let parameters = folder.parameters().iter().map(|p| Parameter {
         name: p.name.clone(),
@@ -114,14 +121,12 @@ pub(crate) fn changes(then: &Path, now: &Path) -> Result<Changes, String> {
     let open = |place: &Path| ResultFolder::open(place).map_err(|e| e.to_string());
     let text = |place: &Path| {
         let files = whole_files(place).map_err(|e| e.to_string())?;
-        let own = files
-            .iter()
-            .find(|(name, _)| name == "model.fdm")
-            .map(|(_, text)| String::from_utf8_lossy(text).into_owned());
+        let own =
+            files.iter().find(|(name, _)| name == MODEL).map(|(_, text)| String::from_utf8_lossy(text).into_owned());
         Ok::<_, String>(own.unwrap_or_default())
     };
     let (before, behind) = (open(then)?, open(now)?);
     let parts = before.manifest().identity.differences(&behind.manifest().identity);
     let others = parts.iter().filter(|d| d.part != "model").map(ToString::to_string).collect();
-    Ok(Changes { model: difference(&text(then)?, &text(now)?, Path::new("model.fdm")), others })
+    Ok(Changes { model: difference(&text(then)?, &text(now)?, Path::new(MODEL)), others })
 }

@@ -3,14 +3,14 @@
 use crate::folder::{Listed, PROJECT, Project, RESULTS, Setting, Written};
 use crate::http::{Answer, Refusal, Request, Status, head};
 use crate::jobs::{Asked, Jobs, Shown, completed, is_result, typed};
-use crate::results::{Seen, changes};
-use crate::{Studio, live};
-use fdm_grammar::{Diagnostic, Source};
+use crate::results::{MODEL, Seen, changes};
+use crate::{Finding, Place, Studio, live};
+use fdm_grammar::Source;
 use fdm_report::page::{Subject, page, style, typeset};
 use fdm_results::store::{fingerprint, whole_files};
 use fdm_session::{NamedFile, request};
+use fdm_system::Model;
 use fdm_system::record::{Log, open_log};
-use fdm_system::{Model, ModelError};
 use serde::{Deserialize, Serialize};
 use std::io::Write;
 use std::net::TcpStream;
@@ -37,7 +37,7 @@ const LOOK_AT_WORK: Duration = Duration::from_millis(100);
 const ALIVE: Duration = Duration::from_secs(15);
 /// Verbs that only print, or write where they are told.
 const PRINTING: [&str; 10] =
-    ["new", "compare", "report", "export", "design", "validate", "spectra", "modes", "effects", "check"];
+    ["new", "compare", "report", "export", "extend", "validate", "spectra", "modes", "effects", "check"];
 /// Options that are typed in a terminal only.
 const TYPED_ONLY: [&str; 2] = ["--force", "--allow-units"];
 
@@ -49,8 +49,7 @@ struct State {
     files: Vec<Listed>,
     results: Vec<Seen>,
     jobs: Vec<Shown>,
-    /// Whether completion and hover are served, and commands run.
-    language: bool,
+    /// Whether commands are run.
     program: bool,
 }
 
@@ -97,28 +96,16 @@ struct Checked {
 /// What is said of a text.
 #[derive(Serialize)]
 struct Said {
-    findings: Vec<Found>,
+    findings: Vec<Finding>,
     /// MathML; none while the text cannot be read.
     equations: Option<String>,
 }
 
-/// A mistake or a warning, its place in UTF-16 units from the beginning.
-#[derive(Serialize)]
-struct Found {
-    from: usize,
-    to: usize,
-    line: usize,
-    error: bool,
-    message: String,
-    code: &'static str,
-}
-
+/// A text, and a place in it.
 #[derive(Deserialize)]
-struct Place {
+struct Typed {
     text: String,
-    method: String,
-    line: u32,
-    character: u32,
+    place: Place,
 }
 
 #[derive(Deserialize)]
@@ -179,7 +166,14 @@ pub(crate) fn answer(
             Answer::text("")
         }
         ("POST", ["check"]) => check(studio, &request.told()?)?,
-        ("POST", ["language"]) => language(studio, &request.told()?)?,
+        ("POST", ["suggestions"]) => {
+            let Typed { text, place } = request.told()?;
+            Answer::json(&(studio.doors.language.suggestions)(&text, place))
+        }
+        ("POST", ["explained"]) => {
+            let Typed { text, place } = request.told()?;
+            Answer::json(&(studio.doors.language.explained)(&text, place))
+        }
         ("POST", ["work"]) => Answer::json(&Jobs::begin(studio, &request.told::<Asked>()?)?),
         ("POST", ["stop"]) => {
             studio.jobs.stop(request.told()?)?;
@@ -207,7 +201,6 @@ fn state(studio: &Studio) -> State {
         results: studio.results.seen(&studio.folder, &files),
         files,
         jobs: studio.jobs.shown(),
-        language: studio.doors.language.is_some(),
         program: studio.doors.program.is_some(),
     }
 }
@@ -308,39 +301,8 @@ fn written_page(studio: &Studio, path: &str) -> Result<Answer, Refusal> {
 /// What is wrong with a text, and its equations.
 fn check(studio: &Studio, asked: &Checked) -> Result<Answer, Refusal> {
     let place = studio.folder.place(&asked.path)?.display().to_string();
-    let source = Source::new(place.as_str(), asked.text.as_str());
-    let findings = match Model::from_text(place, asked.text.as_str()) {
-        Ok(model) => found(&model.source().clone(), model.warnings()),
-        Err(ModelError::Invalid { text, diagnostics }) => found(&text, &diagnostics),
-        Err(other) => {
-            vec![Found { from: 0, to: 0, line: 1, error: true, message: other.to_string(), code: "" }]
-        }
-    };
-    Ok(Answer::json(&Said { findings, equations: typeset(&source) }))
-}
-
-fn found(source: &Source, findings: &[Diagnostic]) -> Vec<Found> {
-    let text = source.text();
-    let units = |at: u32| text.get(..at as usize).map_or(0, |before| before.encode_utf16().count());
-    let one = |d: &Diagnostic| Found {
-        from: units(d.span.start),
-        to: units(d.span.end),
-        line: 1 + text.get(..d.span.start as usize).map_or(0, |before| before.matches('\n').count()),
-        error: d.is_error(),
-        message: d.hint.as_ref().map_or_else(|| d.message.clone(), |hint| format!("{}; {hint}", d.message)),
-        code: d.code.text(),
-    };
-    findings.iter().map(one).collect()
-}
-
-fn language(studio: &Studio, asked: &Place) -> Result<Answer, Refusal> {
-    let none = || Refusal::new(Status::NotFound, "this build has no language server: build it with `--features lsp`");
-    let server = studio.doors.language.as_ref().ok_or_else(none)?;
-    if !["textDocument/completion", "textDocument/hover"].contains(&asked.method.as_str()) {
-        return Err(Refusal::wrong("completion and hover are asked here"));
-    }
-    let mut server = server.lock().unwrap_or_else(PoisonError::into_inner);
-    Ok(Answer::of("application/json", server(&asked.text, &asked.method, (asked.line, asked.character))))
+    let findings = (studio.doors.language.findings)(&place, &asked.text);
+    Ok(Answer::json(&Said { findings, equations: typeset(&Source::new(place, asked.text.as_str())) }))
 }
 
 fn simulate(studio: &Studio, asked: live::Asked) -> Result<Answer, Refusal> {
@@ -391,7 +353,7 @@ fn accept(studio: &Studio, asked: &Accepted) -> Result<Answer, Refusal> {
         (Some(result), None) => {
             let files = files_of(studio, result)?;
             let of = |name: &str| files.iter().find(|(own, _)| own == name).map(|(_, bytes)| bytes);
-            if of("model.fdm").map(|bytes| fingerprint(bytes)).as_ref() != Some(&before.fingerprint) {
+            if of(MODEL).map(|bytes| fingerprint(bytes)).as_ref() != Some(&before.fingerprint) {
                 let said = "the model has changed since this diagnosis: diagnose it again";
                 return Err(Refusal::new(Status::Conflict, said));
             }
@@ -400,16 +362,8 @@ fn accept(studio: &Studio, asked: &Accepted) -> Result<Answer, Refusal> {
         }
         (None, None) => return Err(Refusal::wrong("say which diagnosis, or which effect")),
     };
-    studio.folder.write(&Written { path: asked.path.clone(), text: new.clone(), over: Some(asked.over.clone()) })?;
-    Ok(Answer::json(&Undo { before: before.text, fingerprint: fingerprint(new.as_bytes()), text: new }))
-}
-
-/// A text that was changed, and what it was.
-#[derive(Serialize)]
-struct Undo {
-    before: String,
-    text: String,
-    fingerprint: String,
+    let written = Written { path: asked.path.clone(), text: new, over: Some(asked.over.clone()) };
+    Ok(Answer::json(&studio.folder.write(&written)?))
 }
 
 /// Runs a command of the program that prints, or writes where it is told.
@@ -421,8 +375,11 @@ fn command(studio: &Studio, asked: &Asked) -> Result<Answer, Refusal> {
     }
     let none = || Refusal::wrong("there is no program that could run it");
     let program = studio.doors.program.as_ref().ok_or_else(none)?;
-    let output = Command::new(program).arg(verb).args(words).current_dir(studio.folder.home()).output()?;
-    let text = String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
     let whole: Vec<String> = ["fdm", verb].iter().map(ToString::to_string).chain(words.iter().cloned()).collect();
+    let with_project = (studio.doors.completed)(whole.clone())?;
+    let mut command = Command::new(program);
+    command.args(with_project.iter().skip(1)).arg("--no-project").current_dir(studio.folder.home());
+    let output = command.output()?;
+    let text = String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
     Ok(Answer::json(&Ran { command: typed(&whole), good: output.status.success(), text }))
 }

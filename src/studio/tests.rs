@@ -1,6 +1,6 @@
 //! The server as a browser meets it: by plain requests. What it answers is what `session` gives; what it refuses changes nothing.
 
-use crate::{Doors, Server};
+use crate::{Doors, Finding, Language, Server, Suggestion};
 use fdm_session::request::{Held, Watch, fit, read, simulate, sources};
 use fdm_system::Model;
 use std::collections::BTreeMap;
@@ -26,6 +26,21 @@ const MODEL: &str = "model tanker {
 const PROJECT: &str = "model = \"tanker.fdm\"\ndata = [\"run.csv\"]\n";
 /// Every eighth sample of its record is enough here.
 const THINNED: &str = "--every=8";
+
+/// A language that finds one thing; that of the command has tests of its own.
+const LANGUAGE: Language = Language {
+    findings: |_, text| {
+        let found = text.lines().position(|line| line.contains("omega*phi")).map(|line| Finding {
+            place: [(line as u32, 12), (line as u32, 17)],
+            error: true,
+            message: "`omega` is not declared".into(),
+            code: "name",
+        });
+        found.into_iter().collect()
+    },
+    suggestions: |_, _| vec![Suggestion { label: "sin".into(), detail: None, called: true }],
+    explained: |text, (line, _)| text.lines().nth(line as usize).map(str::to_string),
+};
 
 /// A server over a folder of its own.
 struct Desk {
@@ -55,7 +70,7 @@ impl Desk {
             words.retain(|w| w != "--no-project");
             Ok(words.into_iter().map(|w| w.replace("--data=run.csv", &format!("--data={}", at("run.csv")))).collect())
         };
-        let doors = Doors { completed: Box::new(completed), language: None, program: None };
+        let doors = Doors { completed: Box::new(completed), language: LANGUAGE, program: None };
         let server = Server::bind(folder.path(), 0, doors).unwrap();
         let address = server.address();
         let host = address.trim_start_matches("http://").split('/').next().unwrap().to_string();
@@ -69,9 +84,21 @@ impl Desk {
 
     /// Sends bytes as they are.
     fn raw(&self, bytes: &[u8]) -> Answer {
+        self.sent(bytes, false)
+    }
+
+    /// Sends bytes, and that there are no more.
+    fn cut(&self, bytes: &[u8]) -> Answer {
+        self.sent(bytes, true)
+    }
+
+    fn sent(&self, bytes: &[u8], ended: bool) -> Answer {
         let mut stream = TcpStream::connect(&self.host).unwrap();
         // who is refused early may hear of it before all was sent
         let _ = stream.write_all(bytes);
+        if ended {
+            let _ = stream.shutdown(std::net::Shutdown::Write);
+        }
         let mut answer = Vec::new();
         let _ = stream.read_to_end(&mut answer);
         let text = String::from_utf8_lossy(&answer);
@@ -163,10 +190,11 @@ fn the_road_from_a_record_to_a_report_has_the_bits_of_session() {
     let broken = MODEL.replace("-omega2*phi", "-omega*phi");
     let said =
         json(&desk.good(desk.post("check", &serde_json::json!({ "path": "tanker.fdm", "text": broken }).to_string())));
-    let found = &said["findings"][0];
-    let place = found["from"].as_u64().unwrap() as usize..found["to"].as_u64().unwrap() as usize;
-    assert_eq!((&broken[place], found["error"].as_bool()), ("omega", Some(true)), "{said}");
+    assert_eq!(said["findings"][0]["place"], serde_json::json!([[7, 12], [7, 17]]), "{said}");
     assert!(said["equations"].as_str().unwrap().contains("<math"), "{said}");
+    let typed = serde_json::json!({ "text": MODEL, "place": [7, 12] }).to_string();
+    assert_eq!(json(&desk.good(desk.post("suggestions", &typed)))[0]["label"], "sin");
+    assert_eq!(json(&desk.good(desk.post("explained", &typed))), MODEL.lines().nth(7).unwrap());
 
     let (status, bytes) =
         desk.post("simulate", r#"{ "run": 0, "set": [["d1", 0.02]], "exact": true, "measured": true }"#);
@@ -192,7 +220,9 @@ fn the_road_from_a_record_to_a_report_has_the_bits_of_session() {
     assert!(desk.text("tanker.fdm").contains("phi^3"), "{}", desk.text("tanker.fdm"));
     // what was accepted once is not accepted over a text that has changed since
     assert_eq!(desk.post("accept", &asked.to_string()).0, 409);
-    let back = serde_json::json!({ "path": "tanker.fdm", "text": done["before"], "over": done["fingerprint"] });
+    // the text that was diagnosed stands in the result: what was accepted is undone in any window, on any day
+    let before = desk.good(desk.get("document?path=results/diagnose-1&name=model.fdm"));
+    let back = serde_json::json!({ "path": "tanker.fdm", "text": before, "over": done });
     desk.good(desk.post("text", &back.to_string()));
     assert_eq!(desk.text("tanker.fdm"), MODEL);
     let page = desk.good(desk.get("result?path=results/diagnose-1"));
@@ -331,6 +361,110 @@ fn hostile_requests_are_refused_and_write_nothing() {
         fs::remove_file(desk.folder.path().join("etc")).unwrap();
     }
     assert!(desk.all() == before && !outside.exists());
+}
+
+/// 500 requests from tables: paths that lead out, methods, names of this machine, heads and bodies that are too long, cut off, or slow.
+#[test]
+fn five_hundred_hostile_requests_are_refused_and_write_nothing() {
+    let desk = Desk::new();
+    let (token, host) = (desk.token().to_string(), desk.host.clone());
+    let before = desk.all();
+    let good = |method: &str, path: &str, body: &str| {
+        format!("{method} /{token}/{path} HTTP/1.1\r\nHost: {host}\r\nContent-Length: {}\r\n\r\n{body}", body.len())
+    };
+    let mut requests: Vec<Vec<u8>> = Vec::new();
+    let mut add = |request: String| requests.push(request.into_bytes());
+    let outside = [
+        "..",
+        "../x.fdm",
+        "../../../etc/passwd",
+        "a/../../x.fdm",
+        "./../x.fdm",
+        "/etc/passwd",
+        "/tmp/x.fdm",
+        "//etc/passwd",
+        "\\\\x",
+        "C:x.fdm",
+        "C:/x.fdm",
+        ".git/config",
+        ".x.fdm",
+        "a/.x/y.fdm",
+        "~/x.fdm:",
+        "x.fdm\u{0}.csv",
+        "..\\x.fdm",
+        "results/../../x.fdm",
+        "\u{0}",
+        "....//x.sh",
+        "x.sh",
+        "x",
+        "",
+    ];
+    let encoded = |text: &str| text.bytes().map(|b| format!("%{b:02x}")).collect::<String>();
+    for path in outside {
+        for what in ["text", "record", "page", "result", "document", "samples", "changes"] {
+            add(good("GET", &format!("{what}?path={}&name=x&topic=0&field=0&then=x&now=x", encoded(path)), ""));
+            add(good("GET", &format!("{what}/{}", encoded(path)), ""));
+        }
+        let told =
+            |key: &str| serde_json::json!({ "key": "model", "values": [path], key: path, "text": "x", "over": null });
+        add(good("POST", &format!("drop?name={}", encoded(path)), "x"));
+        for (what, key) in [("text", "path"), ("accept", "path"), ("work", "verb"), ("command", "verb")] {
+            add(good("POST", what, &told(key).to_string()));
+        }
+    }
+    let leads_out = |path: &&str| path.starts_with('/') || path.split(['/', '\\']).any(|part| part == "..");
+    for path in outside.into_iter().filter(leads_out) {
+        add(good("POST", "work", &serde_json::json!({ "verb": "fit", "words": [path] }).to_string()));
+        add(good(
+            "POST",
+            "command",
+            &serde_json::json!({ "verb": "export", "words": [format!("--output={path}")] }).to_string(),
+        ));
+    }
+    for method in ["PUT", "DELETE", "PATCH", "OPTIONS", "HEAD", "TRACE", "CONNECT", "get", "GETT", "PROPFIND"] {
+        for path in ["", "state", "text", "events", "studio.js"] {
+            add(good(method, path, ""));
+        }
+    }
+    let state = format!("GET /{token}/state HTTP/1.1\r\n");
+    for name in ["evil.example", "0.0.0.0", "[::1]", "127.0.0.1", "localhost", "127.0.0.1:1", "user@127.0.0.1", ""] {
+        add(format!("{state}Host: {name}\r\n\r\n"));
+        for more in [
+            format!("Origin: http://{name}"),
+            format!("Origin: https://{host}{name}x"),
+            "Sec-Fetch-Site: same-site".into(),
+        ] {
+            add(format!("{state}Host: {host}\r\n{more}\r\n\r\n"));
+        }
+    }
+    for k in 0..token.len() {
+        add(good("GET", "state", "").replacen(&token, &token[..k], 1));
+        let other = if token.as_bytes()[k] == b'0' { "1" } else { "0" };
+        add(good("GET", "state", "").replacen(&token, &format!("{}{other}{}", &token[..k], &token[k + 1..]), 1));
+    }
+    for length in ["99999999999", "18446744073709551616", "-1", "1e3", "0x10", "", "1, 1"] {
+        add(format!("POST /{token}/text HTTP/1.1\r\nHost: {host}\r\nContent-Length: {length}\r\n\r\n"));
+    }
+    let whole = good("POST", "project", r#"{ "key": "map", "values": ["map.toml"] }"#);
+    (1..whole.len()).step_by(2).for_each(|k| add(whole[..k].to_string()));
+    add(format!("{state}Host: {host}\r\nX: {}\r\n\r\n", "a".repeat(100_000)));
+    add(format!("{state}Host: {host}\r\n{}\r\n", "X: a\r\n".repeat(1000)));
+    add("\u{0}".repeat(1000));
+    // whoever says a byte and no more is not waited for, and keeps nobody waiting
+    let mut slow: Vec<TcpStream> = (0..20).map(|_| TcpStream::connect(&desk.host).unwrap()).collect();
+    slow.iter_mut().for_each(|stream| stream.write_all(b"G").unwrap());
+    for request in &requests {
+        let (status, said) = desk.cut(request);
+        let what = String::from_utf8_lossy(&request[..request.len().min(300)]).into_owned();
+        assert!((400..500).contains(&status), "{what}: {status} {:.300}", String::from_utf8_lossy(&said));
+    }
+    for mut stream in slow {
+        let mut answer = String::new();
+        let _ = stream.read_to_string(&mut answer);
+        assert!(!answer.contains(" 200 "), "{answer}");
+    }
+    assert!(requests.len() >= 500, "{} requests", requests.len());
+    assert!(desk.all() == before);
 }
 
 /// A second window hears what the first one does.

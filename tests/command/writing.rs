@@ -35,6 +35,16 @@ fn a_fault_or_a_kill_at_any_moment_leaves_the_old_or_the_new_result() {
     assert!(killed.values().sum::<usize>() >= count / 2, "{killed:?}");
 }
 
+/// The studio is killed while it writes what was clicked.
+#[cfg(unix)]
+#[test]
+fn a_studio_that_is_killed_loses_nothing_that_it_answered_for() {
+    let count = std::env::var("FDM_KILLS").map_or(12, |n| n.parse().unwrap());
+    let killed = support::studio::kills(count, 62);
+    println!("{killed} of {count} kills while it was at work, nothing lost");
+    assert!(killed >= count / 2, "{killed} kills while it was at work");
+}
+
 const MODEL: &str = "model gain { input u; use \"part.fdm\" as p; param a = 1; output y = a*u*p.one; }\n";
 const PART: &str = "model part { param c = 1 fixed; let one = c; }\n";
 

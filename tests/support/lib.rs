@@ -7,6 +7,8 @@ pub mod hidden;
 pub mod hovering;
 pub mod nonlinear;
 pub mod papers;
+#[cfg(unix)]
+pub mod studio;
 pub mod suite;
 pub mod turbulence;
 pub mod writing;

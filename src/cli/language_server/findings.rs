@@ -1,6 +1,7 @@
 //! Mistakes and warnings in the editor's words, and what mends them.
 
-use super::document::Document;
+use super::{offset, range as range_of};
+use crate::language::document::Document;
 use fdm_grammar::{Code, Diagnostic};
 use lsp_types::{
     CodeAction, CodeActionKind, DiagnosticRelatedInformation, DiagnosticSeverity, DiagnosticTag, Location,
@@ -19,12 +20,12 @@ fn diagnostic(document: &Document, uri: &Uri, finding: &Diagnostic) -> lsp_types
     let severity = if finding.is_error() { DiagnosticSeverity::ERROR } else { DiagnosticSeverity::WARNING };
     let hint = finding.hint.as_ref().map_or(String::new(), |h| format!("\n{h}"));
     let related = finding.labels.iter().map(|label| DiagnosticRelatedInformation {
-        location: Location::new(uri.clone(), document.range(label.span)),
+        location: Location::new(uri.clone(), range_of(document, label.span)),
         message: label.text.clone(),
     });
     let related: Vec<_> = related.collect();
     lsp_types::Diagnostic {
-        range: document.range(finding.span),
+        range: range_of(document, finding.span),
         severity: Some(severity),
         code: Some(NumberOrString::String(finding.code.text().into())),
         source: Some("fdm".into()),
@@ -37,11 +38,11 @@ fn diagnostic(document: &Document, uri: &Uri, finding: &Diagnostic) -> lsp_types
 
 /// What mends the findings of a range: the word that was meant in the place of the one that was written.
 pub(super) fn actions(document: &Document, uri: &Uri, range: Range) -> Vec<CodeAction> {
-    let (start, end) = (document.offset(range.start), document.offset(range.end));
+    let (start, end) = (offset(document, range.start), offset(document, range.end));
     let near = |f: &&Diagnostic| f.span.start as usize <= end && start <= f.span.end as usize;
     let fix = |finding: &Diagnostic| {
         let meant = meant(finding)?;
-        let edit = TextEdit::new(document.range(finding.span), meant.into());
+        let edit = TextEdit::new(range_of(document, finding.span), meant.into());
         Some(CodeAction {
             title: format!("Write `{meant}`"),
             kind: Some(CodeActionKind::QUICKFIX),

@@ -5,16 +5,13 @@
 //! no file is read but those that a model uses, and a broken text ends nothing.
 
 mod completion;
-mod document;
 mod findings;
-mod hover;
 mod names;
 mod streams;
-#[cfg(feature = "studio")]
-pub(crate) mod window;
 
-use document::Document;
-use fdm_grammar::format;
+use crate::language::document::{self, Document};
+use crate::language::hover;
+use fdm_grammar::{Span, format};
 use lsp_server::{Connection, ErrorCode, Message, Notification, Request, Response};
 use lsp_types::notification::{
     DidChangeTextDocument, DidCloseTextDocument, DidOpenTextDocument, Notification as _, PublishDiagnostics,
@@ -117,7 +114,16 @@ fn capabilities() -> ServerCapabilities {
 struct Server<'a> {
     connection: &'a Connection,
     /// By address, so that findings are published in one order.
-    documents: BTreeMap<String, (Uri, Document)>,
+    documents: BTreeMap<String, Open>,
+}
+
+/// A text that is open.
+struct Open {
+    uri: Uri,
+    version: i32,
+    document: Document,
+    /// Whether its findings are told.
+    is_checked: bool,
 }
 
 impl Server<'_> {
@@ -131,20 +137,21 @@ impl Server<'_> {
             DidOpenTextDocument::METHOD => {
                 let Ok(params) = serde_json::from_value::<DidOpenTextDocumentParams>(notice.params) else { return };
                 let TextDocumentItem { uri, version, text, .. } = params.text_document;
-                let document = Document::new(uri.path().as_str(), text, version);
-                self.documents.insert(uri.to_string(), (uri, document));
+                let document = Document::new(uri.path().as_str(), text);
+                self.documents.insert(uri.to_string(), Open { uri, version, document, is_checked: false });
             }
             DidChangeTextDocument::METHOD => {
                 let Ok(params) = serde_json::from_value::<DidChangeTextDocumentParams>(notice.params) else { return };
                 let VersionedTextDocumentIdentifier { uri, version } = params.text_document;
-                if let Some((_, document)) = self.documents.get_mut(uri.as_str()) {
-                    *document = document.changed(params.content_changes, version);
+                if let Some(open) = self.documents.get_mut(uri.as_str()) {
+                    let document = changed(&open.document, params.content_changes);
+                    (open.document, open.version, open.is_checked) = (document, version, false);
                 }
             }
             DidCloseTextDocument::METHOD => {
                 let Ok(params) = serde_json::from_value::<DidCloseTextDocumentParams>(notice.params) else { return };
-                if let Some((uri, _)) = self.documents.remove(params.text_document.uri.as_str()) {
-                    self.send(published(PublishDiagnosticsParams::new(uri, Vec::new(), None)));
+                if let Some(open) = self.documents.remove(params.text_document.uri.as_str()) {
+                    self.send(published(PublishDiagnosticsParams::new(open.uri, Vec::new(), None)));
                 }
             }
             _ => {}
@@ -153,10 +160,11 @@ impl Server<'_> {
 
     /// Checks one changed text, and the others when nothing has come meanwhile.
     fn publish(&mut self) {
-        while let Some((uri, document)) = self.documents.values_mut().find(|(_, d)| !d.is_checked) {
-            document.check();
-            let found = findings::diagnostics(document, uri);
-            let message = published(PublishDiagnosticsParams::new(uri.clone(), found, Some(document.version)));
+        while let Some(open) = self.documents.values_mut().find(|open| !open.is_checked) {
+            open.document.check();
+            open.is_checked = true;
+            let found = findings::diagnostics(&open.document, &open.uri);
+            let message = published(PublishDiagnosticsParams::new(open.uri.clone(), found, Some(open.version)));
             self.send(message);
             if !self.connection.receiver.is_empty() {
                 return;
@@ -172,7 +180,7 @@ impl Server<'_> {
                 |d, at, _| {
                     Ok(hover::hover(d, at).map(|(value, span)| Hover {
                         contents: HoverContents::Markup(MarkupContent { kind: MarkupKind::Markdown, value }),
-                        range: Some(d.range(span)),
+                        range: Some(range(d, span)),
                     }))
                 },
             ),
@@ -181,7 +189,7 @@ impl Server<'_> {
                 |p| p.text_document_position_params.clone(),
                 |d, at, p| {
                     let uri = p.text_document_position_params.text_document.uri;
-                    let place = names::definition(d, at).map(|span| Location::new(uri, d.range(span)));
+                    let place = names::definition(d, at).map(|span| Location::new(uri, range(d, span)));
                     Ok(place.map(GotoDefinitionResponse::Scalar))
                 },
             ),
@@ -190,28 +198,28 @@ impl Server<'_> {
                 |p| p.text_document_position.clone(),
                 |d, at, p| {
                     let uri = p.text_document_position.text_document.uri;
-                    let Some((name, _)) = names::at(d, at) else { return Ok(None) };
+                    let Some((name, _)) = d.name_at(at) else { return Ok(None) };
                     let own = d.find(name).map(|n| n.name().span.start);
                     let mut places = names::places(d, name);
                     places.retain(|s| p.context.include_declaration || Some(s.start) != own);
-                    Ok(Some(places.into_iter().map(|s| Location::new(uri.clone(), d.range(s))).collect()))
+                    Ok(Some(places.into_iter().map(|s| Location::new(uri.clone(), range(d, s))).collect()))
                 },
             ),
             DocumentHighlightRequest::METHOD => self.at::<DocumentHighlightRequest>(
                 request,
                 |p| p.text_document_position_params.clone(),
                 |d, at, _| {
-                    let Some((name, _)) = names::at(d, at) else { return Ok(None) };
+                    let Some((name, _)) = d.name_at(at) else { return Ok(None) };
                     let places = names::places(d, name).into_iter();
-                    Ok(Some(places.map(|s| DocumentHighlight { range: d.range(s), kind: None }).collect()))
+                    Ok(Some(places.map(|s| DocumentHighlight { range: range(d, s), kind: None }).collect()))
                 },
             ),
             PrepareRenameRequest::METHOD => self.at::<PrepareRenameRequest>(
                 request,
                 |p| p.clone(),
                 |d, at, _| {
-                    Ok(names::at(d, at).map(|(name, span)| PrepareRenameResponse::RangeWithPlaceholder {
-                        range: d.range(span),
+                    Ok(d.name_at(at).map(|(name, span)| PrepareRenameResponse::RangeWithPlaceholder {
+                        range: range(d, span),
                         placeholder: name.into(),
                     }))
                 },
@@ -273,15 +281,44 @@ impl Server<'_> {
             Err(e) => return refused(request.id, ErrorCode::InvalidParams, e.to_string()),
         };
         let TextDocumentPositionParams { text_document, position } = place(&params);
-        let Some((_, document)) = self.documents.get(text_document.uri.as_str()) else {
+        let Some(Open { document, .. }) = self.documents.get(text_document.uri.as_str()) else {
             return refused(request.id, ErrorCode::InvalidParams, "this text is not open".into());
         };
-        let offset = document.offset(position);
+        let offset = offset(document, position);
         match answer(document, offset, params).map(|a| serde_json::to_value(a).unwrap_or(Value::Null)) {
             Ok(value) => Response::new_ok(request.id, value),
             Err(reason) => refused(request.id, ErrorCode::RequestFailed, reason),
         }
     }
+}
+
+/// A span in the protocol's words.
+fn range(document: &Document, span: Span) -> Range {
+    let [start, end] = document.range(span).map(|p| Position::new(p.line, p.character));
+    Range::new(start, end)
+}
+
+/// The byte of a place.
+fn offset(document: &Document, position: Position) -> usize {
+    document.offset(document::Position { line: position.line, character: position.character })
+}
+
+/// The text after the editor's changes, each of which sees the one before.
+fn changed(document: &Document, changes: Vec<TextDocumentContentChangeEvent>) -> Document {
+    let name = document.source.name();
+    let one = |before: Document, change: TextDocumentContentChangeEvent| {
+        let text = match change.range {
+            Some(range) => {
+                let (start, end) = (offset(&before, range.start), offset(&before, range.end));
+                let mut text = before.text().to_string();
+                text.replace_range(start.min(end)..end.max(start), &change.text);
+                text
+            }
+            None => change.text,
+        };
+        Document::new(name, text)
+    };
+    changes.into_iter().fold(Document::new(name, document.text().to_string()), one)
 }
 
 /// The text laid out, when it is not and can be.
@@ -290,8 +327,7 @@ fn formatted(document: &Document) -> Option<Vec<TextEdit>> {
     if text == document.text() {
         return Some(Vec::new());
     }
-    let end = document.lines.position(document.text(), document.text().len());
-    Some(vec![TextEdit::new(Range::new(Position::default(), end), text)])
+    Some(vec![TextEdit::new(range(document, Span::new(0, document.text().len())), text)])
 }
 
 fn published(params: PublishDiagnosticsParams) -> Message {

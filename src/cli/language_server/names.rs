@@ -1,26 +1,16 @@
 //! Names of a text: where each is declared, where it stands, another name for it, and the outline of all.
 
-use super::document::{Declared, Document};
 use super::findings::changes;
+use super::range;
+use crate::language::document::{Declared, Document};
 use fdm_grammar::Span;
 use fdm_grammar::check::reserved;
 use fdm_grammar::syntax::{self, Expr, ExprRef, Name, Nodes, Role, StatementKind, SyntaxTree, TokenKind};
 use lsp_types::{DocumentSymbol, SymbolKind, TextEdit, Uri, WorkspaceEdit};
 
-/// The declared name at a byte, and the span of it there.
-pub(super) fn at(document: &Document, offset: usize) -> Option<(&str, Span)> {
-    let token = document.word(offset).filter(|t| t.kind == TokenKind::Name)?;
-    let text = token.text(document.text());
-    // of `act.y` the submodel is declared here
-    let own = text.split('.').next().unwrap_or(text);
-    let start = token.span.start as usize;
-    document.find(own)?;
-    Some((own, Span::new(start, start + own.len())))
-}
-
 /// Where a name is declared.
 pub(super) fn definition(document: &Document, offset: usize) -> Option<Span> {
-    let (name, _) = at(document, offset)?;
+    let (name, _) = document.name_at(offset)?;
     Some(document.find(name)?.name().span)
 }
 
@@ -104,7 +94,7 @@ impl Places<'_> {
 
 /// Another name at every place, or why not.
 pub(super) fn rename(document: &Document, uri: &Uri, offset: usize, new: &str) -> Result<WorkspaceEdit, String> {
-    let Some((name, _)) = at(document, offset) else { return Err("no name of the model stands here".into()) };
+    let Some((name, _)) = document.name_at(offset) else { return Err("no name of the model stands here".into()) };
     if let Some(why) = reserved(new) {
         return Err(format!("`{new}` {why} and cannot be declared"));
     }
@@ -117,7 +107,7 @@ pub(super) fn rename(document: &Document, uri: &Uri, offset: usize, new: &str) -
     if new != name && (document.find(new).is_some() || !places(document, new).is_empty()) {
         return Err(format!("`{new}` is declared or used already"));
     }
-    let edits = places(document, name).into_iter().map(|s| TextEdit::new(document.range(s), new.into()));
+    let edits = places(document, name).into_iter().map(|s| TextEdit::new(range(document, s), new.into()));
     Ok(changes(uri, edits.collect()))
 }
 
@@ -173,8 +163,8 @@ fn symbol(
         kind,
         tags: None,
         deprecated: None,
-        range: document.range(whole.to(own)),
-        selection_range: document.range(own),
+        range: range(document, whole.to(own)),
+        selection_range: range(document, own),
         children: (!children.is_empty()).then_some(children),
     }
 }

@@ -94,6 +94,8 @@ export const work = async (verb, words, seen) => {
   });
   return id;
 };
+// Work that is waited for.
+export const ended = (verb, words) => new Promise((done, failed) => { work(verb, words, (job) => { if (job.ended) done(job); }).catch(failed); });
 export const stop = (id) => attempt(() => post("stop", id));
 export const run = async (verb, words) => {
   const done = await send("command", { verb, words });

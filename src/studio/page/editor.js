@@ -1,6 +1,6 @@
 // The editor of a model: a text area over its own coloured text, with findings, completion and hover. Undo is the browser's own.
 
-import { calm, h, latest, send, store } from "./ask.js";
+import { calm, h, latest, send } from "./ask.js";
 
 const WORDS = new Set("model input state param const let output time prior noise trim tie reactions table use as effect in fixed held per run group known free if then else and or not log when limit smooth process der".split(" "));
 const TOKEN = /(\/\/[^\n]*|\/\*[\s\S]*?(?:\*\/|$))|("(?:[^"\\\n]|\\.)*"?)|(\[[^\]\n]*\]?)|(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+)|([A-Za-z_\u0370-\u03ff][\w\u0370-\u03ff.]*)|(\s+|[\s\S])/g;
@@ -66,7 +66,9 @@ export class Editor {
     this.marks.innerHTML = `${html}${escaped(text.slice(at))}\n`;
   }
 
-  find(findings) { this.findings = findings; this.show(); }
+  find(findings) { this.findings = findings.map((f) => ({ ...f, line: f.place[0][0] + 1, from: this.offset(f.place[0]), to: this.offset(f.place[1]) })); this.show(); }
+  // Units of a text area for a line and a column.
+  offset([line, character]) { return this.area.value.split("\n").slice(0, line).reduce((sum, row) => sum + row.length + 1, 0) + character; }
   go(at) { this.area.focus(); this.area.setSelectionRange(at, at); this.element.scrollTop = Math.max(0, (this.place(at).line - 4) * this.metrics().line); }
 
   place(offset) {
@@ -82,9 +84,8 @@ export class Editor {
   }
 
   async ask() {
-    if (!store.state?.language) return;
     const offset = this.area.selectionStart, place = this.place(offset);
-    const all = (await send("language", { text: this.area.value, method: "textDocument/completion", ...place }).catch(() => null)) ?? [];
+    const all = await send("suggestions", { text: this.area.value, place: [place.line, place.character] }).catch(() => []);
     if (this.area.selectionStart !== offset) return;
     const begun = this.area.value.slice(0, offset).match(/[\w]*$/)[0];
     this.items = all.filter((i) => i.label.toLowerCase().startsWith(begun.toLowerCase()) && i.label !== begun).slice(0, 12);
@@ -105,10 +106,10 @@ export class Editor {
   take() {
     const item = this.items[this.at], end = this.area.selectionStart;
     if (!item) return;
-    const text = (item.insertText ?? item.label).replace("$0", "");
+    const text = item.called ? `${item.label}()` : item.label;
     this.area.setSelectionRange(end - this.begun.length, end);
     document.execCommand("insertText", false, text);
-    if (item.insertText?.includes("$0")) this.area.setSelectionRange(this.area.selectionStart - 1, this.area.selectionStart - 1);
+    if (item.called) this.area.setSelectionRange(this.area.selectionStart - 1, this.area.selectionStart - 1);
     this.close();
   }
   close() { this.list.hidden = true; this.area.removeAttribute("aria-activedescendant"); }
@@ -127,12 +128,11 @@ export class Editor {
     const place = { line: Math.floor((e.clientY - box.top - 8) / line), character: Math.floor((e.clientX - box.left) / letter) };
     const rows = this.area.value.split("\n"), row = rows[place.line];
     if (row === undefined || place.character >= row.length || !this.area.matches(":hover")) { this.tip.hidden = true; return; }
-    const offset = rows.slice(0, place.line).reduce((sum, r) => sum + r.length + 1, 0) + place.character;
-    const finding = this.findings.find((f) => f.from <= offset && offset < Math.max(f.to, f.from + 1));
+    const offset = this.offset([place.line, place.character]), finding = this.findings.find((f) => f.from <= offset && offset < Math.max(f.to, f.from + 1));
     let text = finding?.message;
-    if (!text && store.state?.language && /\w/.test(row[place.character])) {
-      const found = await send("language", { text: this.area.value, method: "textDocument/hover", ...place }).catch(() => null);
-      text = found?.contents?.value.replace(/```\w*\n?|\*\*|`/g, "").replace(/\n{2,}/g, "\n").trim();
+    if (!text && /\w/.test(row[place.character])) {
+      const found = await send("explained", { text: this.area.value, place: [place.line, place.character] }).catch(() => null);
+      text = found?.replace(/```\w*\n?|\*\*|`/g, "").replace(/\n{2,}/g, "\n").trim();
     }
     this.tip.hidden = !text;
     this.tip.textContent = text ?? "";

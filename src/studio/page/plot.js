@@ -46,6 +46,7 @@ export class Plot {
     this.element.append(this.canvas, this.readout);
     new ResizeObserver(() => this.draw()).observe(this.element);
     addEventListener("theme", () => this.draw());
+    addEventListener("scroll", () => this.draw(), { capture: true, passive: true });
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw());
     this.listen();
   }
@@ -96,8 +97,11 @@ export class Plot {
     g.fillStyle = c.faint; g.textAlign = "center"; g.textBaseline = "top";
     for (const t of times) g.fillText(number(t, timeDigits), this.x(t), bottom + 6);
     g.textAlign = "right"; g.fillText(this.unit ?? "time [s]", right, bottom + 18);
+    // rows out of sight cost nothing; scrolling draws them
+    const above = own.getBoundingClientRect().top;
     this.rows.forEach((row, k) => {
       const top = MARGIN.top + k * (this.height + GAP), end = top + this.height;
+      if (above + end < 0 || above + top - GAP > innerHeight) return;
       let [low, high] = this.range(row);
       if (!(high > low)) { const size = Math.abs(low) || 1; low = (Number.isFinite(low) ? low : 0) - 0.1 * size; high = low + 0.2 * size; }
       const pad = 0.06 * (high - low); low -= pad; high += pad;
@@ -129,8 +133,9 @@ export class Plot {
       const x = Math.round(this.x(this.hair)) + 0.5; g.moveTo(x, MARGIN.top); g.lineTo(x, bottom); g.stroke(); g.setLineDash([]);
     }
     if (this.dragged) { g.globalAlpha = 0.15; g.fillStyle = c.link; g.fillRect(Math.min(...this.dragged), MARGIN.top, Math.abs(this.dragged[1] - this.dragged[0]), bottom - MARGIN.top); g.globalAlpha = 1; }
-    // milliseconds of a drawing, to be looked at
+    // milliseconds of a drawing, and how many there were, to be looked at
     own.dataset.took = (performance.now() - begun).toFixed(1);
+    own.dataset.painted = 1 + Number(own.dataset.painted ?? 0);
   }
 
   // Samples in view, one more on each side.
@@ -142,7 +147,7 @@ export class Plot {
   // The level of the pyramid for so many samples on so many pixels, its groups' size, and the least and greatest values.
   level(trace, samples, pixels) {
     let k = -1;
-    while (k + 1 < trace.levels.length && samples / FACTOR ** (k + 2) > pixels) k++;
+    while (k + 1 < trace.levels.length && samples / FACTOR ** (k + 1) > 2 * pixels) k++;
     return k < 0 ? [1, trace.values, trace.values] : [FACTOR ** (k + 1), ...trace.levels[k]];
   }
 

@@ -4,7 +4,7 @@ import { command, listen, say, store } from "./ask.js";
 import { fit, missing, model, record, report } from "./views.js";
 
 const models = model();
-const views = [record(), models, fit(), missing(models), report()];
+const views = [record(), models, fit(models), missing(models), report()];
 const steps = document.getElementById("steps"), main = document.getElementById("view");
 const go = (k) => {
   views.forEach((v, i) => { v.element.hidden = i !== k; steps.children[i].setAttribute("aria-current", i === k ? "step" : "false"); });

@@ -1,6 +1,6 @@
 // The five steps: record, model, fit, what is missing, report. Each is made once and hears of every change of the folder.
 
-import { attempt, bytes, calm, drop, get, h, latest, post, read, run, say, send, shell, shown, stop, store, teller, unpack, work } from "./ask.js";
+import { attempt, bytes, calm, drop, ended, get, h, latest, post, read, run, say, send, shell, shown, stop, store, teller, unpack, work } from "./ask.js";
 import { Editor } from "./editor.js";
 import { Plot } from "./plot.js";
 
@@ -24,6 +24,14 @@ const result = (seen) => `result?path=${encodeURIComponent(seen.path)}&at=${seen
 const diff = (text) => h("pre.diff", {}, text.split("\n").filter((l) => !/^(---|\+\+\+|@@)/.test(l)).map((l) => (l[0] === "+" ? h("ins", {}, l) : l[0] === "-" ? h("del", {}, l) : `${l}\n`)));
 const words = (text) => [...text.matchAll(/'([^']*)'|"([^"]*)"|(\S+)/g)].map((m) => m[1] ?? m[2] ?? m[3]);
 const details = (summary, ...inside) => h("details", {}, h("summary", {}, summary), ...inside);
+
+// The text of the model as a result had it: what was accepted since is undone, after any number of windows and days.
+const back = (models, seen, name = "Back to this text") => button(name, () => attempt(async () => {
+  const { path, over, open } = models.editor(), text = await (await get("document", { path: seen.path, name: "model.fdm" })).text();
+  await send("text", { path, text, over });
+  await open(path);
+  say(`${path} is as ${seen.path} had it`);
+}), { title: `the text of the model as ${seen.path} had it` });
 
 // Patterns of the project file stand for the records that they name.
 const matches = (pattern, path) => new RegExp(`^${pattern.split("*").map((p) => p.replace(/[.+^${}()|[\]\\?]/g, "\\$&")).join("[^/]*")}$`).test(path);
@@ -68,18 +76,24 @@ export const record = () => {
     await work("doctor", ["--no-project", `--data=${path}`, ...(project().map ? [`--map-file=${project().map}`] : [])], async (job) => {
       if (!job.ended) return;
       findings = (await attempt(() => read("doctor")))?.findings ?? [];
+      // what is told of a channel is seen beside it
+      for (const [t, topic] of contents.topics.entries()) for (const [f, field] of topic.fields.entries()) if (f !== topic.time && findings.some((o) => o.severity === "finding" && o.channels.includes(field.name))) chosen.get(path).add(`${t}:${f}`);
+      list();
+      await attempt(() => draw(true));
       report(job.ended.text);
     });
   }), { class: "first" });
   const element = h("section.view.record-view", {},
     h("aside", {}, h("h2", {}, "Records"), files, zone, runs, h("h2", {}, "Channels"), channels),
-    h("div.work", {}, h("div.tools", {}, judge, selecting, button("All of it", () => plot.whole && plot.move([...plot.whole])), h("span.note", {}, "drag to zoom, then to pan; Ctrl + wheel zooms; double click shows all")), segments, plot.element, judged, notes));
+    h("div.work", {}, h("div.tools", {}, judge, selecting, button("All of it", () => plot.whole && plot.move([...plot.whole])), h("span.note", {}, "drag to zoom, then to pan; Ctrl + wheel zooms; double click shows all")), segments, judged, plot.element, notes));
   const tell = teller(element);
 
   const add = (list) => attempt(async () => {
     for (const file of list) { say(`reading ${file.name}`); await drop(file); tell("cp", shell(file.name), "."); }
-    path = list[0]?.name ?? path;
-    if (list.length && !project().data.length && !project().runs) await set("data", path);
+    const own = [...list].find((f) => !/\.(fdm|toml)$/.test(f.name))?.name;
+    if (own && !project().data.length && !project().runs) await set("data", own);
+    say("");
+    if (own) await open(own);
   });
   const role = (file) => (named(project().data).includes(file) ? "fit" : named(project().validation).includes(file) ? "validation" : "");
   const turn = (file, to) => attempt(async () => {
@@ -184,7 +198,7 @@ export const model = () => {
   const plot = new Plot({ label: "measurement and response", height: 150 });
   const file = choice([], "", (to) => attempt(async () => { await set("model", to); tell("# fdm.toml: model =", JSON.stringify(to)); await open(to); }), "model");
   const runs = choice([], 0, (k) => { at = Number(k); start(); }, "run"), fits = choice([["", "values of …"]], "", (to) => { take(to); fits.value = ""; }, "values of a fit");
-  const name = h("input", { type: "text", value: "model.fdm", "aria-label": "name of the new model", size: 12 }), kind = choice(KINDS.map((k) => [k, k]), "second-order", () => {}, "kind");
+  const name = h("input", { type: "text", value: "first.fdm", "aria-label": "name of the new model", size: 12 }), kind = choice(KINDS.map((k) => [k, k]), "second-order", () => {}, "kind");
   const create = (from) => attempt(async () => {
     const before = new Set(store.files("record").map((f) => f.path));
     const done = await run("new", [name.value, from ? `--from=${named(project().data)[0] ?? store.files("record")[0]?.path}` : `--kind=${kind.value}`]);
@@ -228,7 +242,7 @@ export const model = () => {
   const check = calm(120, latest(async () => {
     const { findings, equations: set } = await send("check", { path, text: editor.value });
     editor.find(findings);
-    list.replaceChildren(...findings.slice(0, 8).map((f) => h("li", { class: f.error ? "bad" : "reserved" }, button(`line ${f.line}: ${f.message}`, () => editor.go(f.from), { class: "plain", title: f.code }))));
+    list.replaceChildren(...editor.findings.slice(0, 8).map((f) => h("li", { class: f.error ? "bad" : "reserved" }, button(`line ${f.line}: ${f.message}`, () => editor.go(f.from), { class: "plain", title: f.code }))));
     // MathML of the server, which escapes what names say
     if (set !== null) equations.innerHTML = set;
   }));
@@ -293,7 +307,7 @@ export const model = () => {
     const models = store.files("model").filter((f) => !/^results\//.test(f.path));
     options(file, models.map((f) => [f.path, f.path]), path ?? project().model ?? "");
     options(fits, [["", "values of …"], ...store.state.results.filter((r) => r.parameters.length).map((r) => [r.path, r.path])], "");
-    fresh.open ||= !models.length;
+    if (!models.length !== update.none) fresh.open = update.none = !models.length;
     const now = models.find((f) => f.path === path);
     const wanted = project().model ?? models[0]?.path;
     if (!path && wanted && models.some((f) => f.path === wanted)) { if (!project().model) attempt(() => set("model", wanted)); open(wanted); return; }
@@ -336,13 +350,13 @@ const worker = (label, verb, asked, ended) => {
 
 // ---- 3 fit
 
-export const fit = () => {
+export const fit = (models) => {
   let own = null;
   const compared = new Set();
   const method = choice([["", "output error"], ["--method=filter-error", "filter error"], ["--method=equation-error", "equation error"], ["--domain=frequency", "frequency domain"], ["--method=frequency-response", "frequency responses"]], "", () => {}, "method");
   const starts = h("input", { type: "number", min: "1", max: "1000", value: "1" }), limit = h("input", { type: "text", placeholder: "none", size: 5 }), more = h("input", { type: "text", placeholder: "--noise full …", size: 22 });
   const asked = () => [method.value, Number(starts.value) > 1 ? `--starts=${starts.value}` : "", limit.value ? `--time-limit=${limit.value}` : "", ...words(more.value)].filter(Boolean);
-  const at = worker("Fit", "fit", asked, (job) => { if (job.ended.kept) own = job.place; });
+  const at = worker("Fit", "fit", asked, (job) => { if (job.ended.kept) { own = job.place; update(store.state); } });
   const list = h("ol.history"), page = frame("the fit"), compare = button("Compare the two", () => attempt(async () => {
     const done = await run("compare", [...compared, "--report=results/comparison.html"]);
     if (store.state.files.some((f) => f.path === "results/comparison.html") || done.text.includes("RMS") || done.good) { own = null; point(page, `page?path=results/comparison.html&at=${Date.now()}`); } else say(done.text, true);
@@ -363,7 +377,7 @@ export const fit = () => {
         changed.replaceChildren(changed.firstChild, c.model ? diff(c.model) : "", ...c.others.map((o) => h("p.note", {}, o)), c.model || c.others.length ? "" : h("p.note", {}, "nothing"));
       }), { once: true });
       return h("li", { class: r.path === own ? "at" : "" }, h("div.tools", {}, h("input", { type: "checkbox", "aria-label": `compare ${r.path}`, checked: compared.has(r.path), change: (e) => { e.target.checked ? compared.add(r.path) : compared.delete(r.path); compare.disabled = compared.size !== 2; } }), button(r.path.replace(/^results\//, ""), () => { own = r.path; update(store.state); }, { class: "plain" })),
-        h("p.note", {}, r.errors.map((e) => `${e.output}${r.errors.length > 1 ? ` (${e.run})` : ""} RMS ${shown(e.rms, 4)} ${e.unit ?? ""}`).join(", ")), h("p.says", {}, r.says), changed);
+        h("p.note", {}, `RMS ${r.errors.slice(0, 4).map((e) => `${e.output}${r.errors.some((o) => o.run !== e.run) ? ` (${e.run})` : ""} ${shown(e.rms, 3)} ${e.unit ?? ""}`).join(", ")}${r.errors.length > 4 ? ", …" : ""}`), h("p.says", {}, r.says), changed, back(models, r));
     }));
     const seen = fits.find((r) => r.path === own);
     if (seen) { point(page, result(seen)); tell(...(seen.command.length ? seen.command.map((w, k) => (k ? shell(w) : "fdm")) : ["fdm fit"])); }
@@ -375,34 +389,46 @@ export const fit = () => {
 // ---- 4 what is missing
 
 export const missing = (models) => {
-  let own = null, undo = null;
+  let own = null;
   const limit = h("input", { type: "text", value: "60s", size: 5 }), more = h("input", { type: "text", placeholder: "--only input_delay …", size: 22 });
-  const at = worker("Find what is missing", "diagnose", () => [limit.value ? `--time-limit=${limit.value}` : "", ...words(more.value)].filter(Boolean), (job) => { if (job.ended.kept) own = job.place; });
-  const found = choice([], "", (to) => { own = to; update(store.state); }, "diagnosis"), card = h("div.card", { "aria-live": "polite" }), page = frame("the diagnosis"), back = h("div.tools", {});
-  const element = h("section.view.missing-view", {}, h("div.tools", {}, at.begin, at.end, h("label", {}, "time limit ", limit), h("label", {}, "more options ", more), found), at.said, back, card, page);
+  const at = worker("Find what is missing", "diagnose", () => [limit.value ? `--time-limit=${limit.value}` : "", ...words(more.value)].filter(Boolean), (job) => { if (job.ended.kept) { own = job.place; update(store.state); } });
+  const planned = next(), found = choice([], "", (to) => { own = to; update(store.state); }, "diagnosis"), card = h("div.card", { "aria-live": "polite" }), page = frame("the diagnosis"), undo = h("div.tools", {});
+  const element = h("section.view.missing-view", {}, h("div.tools", {}, at.begin, at.end, h("label", {}, "time limit ", limit), h("label", {}, "more options ", more), found, planned.begin), at.said, planned.element, undo, card, page);
   const tell = teller(element);
   const accept = (what, words) => attempt(async () => {
     const { path, over, open } = models.editor();
-    const done = await send("accept", { path, over, ...what });
-    undo = { path, ...done };
+    await send("accept", { path, over, ...what });
     tell(...words);
     await open(path);
-    offer();
+    say("written into the model: fit it");
   });
-  const offer = () => back.replaceChildren(...(undo ? [h("p", {}, `Written into ${undo.path}. Fit it, or `), button("Undo", () => attempt(async () => {
-    await send("text", { path: undo.path, text: undo.before, over: undo.fingerprint });
-    await models.editor().open(undo.path);
-    undo = null; offer();
-    say("the model is as it was");
-  }))] : []));
+  // Models with one cause each, fitted, and the manoeuvre after which their fits differ most.
+  const separate = (c) => attempt(async () => {
+    const fits = [];
+    for (const rival of [c, c.group[0]]) {
+      const text = `${own}-${rival.effect}-${rival.targets.join("-")}.fdm`.replace(/[^\w./-]/g, "_");
+      if (!store.files("model").some((f) => f.path === text)) {
+        const done = await run("extend", [`${own}/model.fdm`, `--effect=${place(rival)}`, `--write=${text}`]);
+        if (!done.good) return say(done.text, true);
+      }
+      say(`fitting ${place(rival)}`);
+      const job = await ended("fit", [text]);
+      if (!job.ended.kept) return say(job.ended.text, true);
+      fits.push(job.place);
+    }
+    say("");
+    planned.design([`--between=${fits.join(",")}`, "--runs=1"]);
+  });
+  const place = (c) => `${c.effect}(${c.targets.join(", ")})`;
   const show = async (seen) => {
     const d = JSON.parse(await (await get("document", { path: seen.path, name: "diagnosis.json" })).text());
-    const text = await get("document", { path: seen.path, name: "extended.diff" }).then((a) => a.text()).catch(() => null);
-    const place = (c) => `${c.effect}(${c.targets.join(", ")})`;
+    const text = d.causes.length ? await get("document", { path: seen.path, name: "extended.diff" }).then((a) => a.text()).catch(() => null) : null;
     card.replaceChildren(h("h2", {}, seen.says),
       h("div.causes", {}, d.causes.map((c) => h("article", {}, h("h3", {}, c.doc), h("p", {}, h("code", {}, place(c))), h("p", {}, c.parameters.map((p) => `${p.name} = ${shown(p.value)}${p.standard_error ? ` ± ${shown(p.standard_error, 2)}` : ""} ${p.unit ?? ""}`).join(", ")),
-        h("p.note", {}, `probability ${c.probability > 0.99 ? "above 0.99" : shown(c.probability, 2)}; without it alone ${shown(c.loss, 4)} nats are lost`), c.separating_experiment && h("p.note", {}, `Next experiment: ${c.separating_experiment}`),
-        button("Accept this alone", () => accept({ effect: place(c) }, ["fdm extend", shell(models.editor().path), `--effect=${shell(place(c))}`]))))),
+        h("p.note", {}, `probability ${c.probability > 0.99 ? "above 0.99" : shown(c.probability, 2)}; without it alone ${shown(c.loss, 4)} nats are lost`),
+        c.group.length ? h("p.note", {}, `These records cannot tell it from ${c.group.map((o) => `${place(o)} (${shown(o.probability, 2)})`).join(", ")}.`) : "",
+        h("div.tools", {}, button("Accept this alone", () => accept({ effect: place(c) }, ["fdm extend", shell(models.editor().path), `--effect=${shell(place(c))}`])),
+          c.group.length ? button("Design the experiment that tells them apart", () => separate(c), { title: c.separating_experiment }) : "")))),
       d.outputs.length ? h("div.scroll", {}, h("table", {}, h("thead", {}, h("tr", {}, ["run", "output", "RMS before", "after", "noise"].map((t) => h("th", {}, t)))), h("tbody", {}, d.outputs.map((o) => h("tr", {}, h("th", { scope: "row" }, `${o.run}${o.validation ? " (validation)" : ""}`), h("td", {}, `${o.output}${o.unit ? ` [${o.unit}]` : ""}`), h("td.number", {}, shown(o.rms_before, 3)), h("td.number", {}, shown(o.rms_after, 3)), h("td.number", {}, shown(o.noise_level, 3))))))) : "",
       ...(text ? [h("div.tools", {}, button("Accept all of it", () => accept({ result: seen.path }, ["fdm diagnose --write", shell(models.editor().path)]), { class: "first" }), h("span.note", {}, "the text with its estimates, as a difference:")), diff(text)] : []));
   };
@@ -411,7 +437,12 @@ export const missing = (models) => {
     own = all.some((r) => r.path === own) ? own : all[0]?.path;
     options(found, all.map((r) => [r.path, r.path.replace(/^results\//, "")]), own);
     found.hidden = !all.length;
-    const seen = all.find((r) => r.path === own), key = seen && `${seen.path} ${seen.stamp}`;
+    planned.update(state);
+    const seen = all.find((r) => r.path === own), key = seen && `${seen.path} ${seen.stamp}`, text = models.editor().over;
+    if (undo.dataset.key !== `${key} ${text}`) {
+      undo.dataset.key = `${key} ${text}`;
+      undo.replaceChildren(...(seen && text && seen.text !== text ? [h("span", {}, "The model has changed since this diagnosis."), back(models, seen, "Undo")] : []));
+    }
     if (key === card.dataset.key) return;
     card.dataset.key = key ?? "";
     page.hidden = !seen;
@@ -422,17 +453,51 @@ export const missing = (models) => {
   return { name: "What is missing", element, update };
 };
 
+// The next run: a manoeuvre, drawn, as a table to be flown.
+const next = () => {
+  let file = null;
+  const plot = new Plot({ label: "next run", height: 110 }), said = h("pre", {}), line = h("p.doing", { role: "status" });
+  const save = button("Save the manoeuvre", () => attempt(async () => {
+    const { text } = await read("text", { path: file }), link = h("a", { href: URL.createObjectURL(new Blob([text], { type: "text/csv" })), download: file.replace(/^results\//, "").replaceAll("/", "-") });
+    link.click();
+    URL.revokeObjectURL(link.href);
+  }));
+  const shownRun = h("div", { hidden: true }, h("div.tools", {}, h("h2", {}, "The next run"), save), plot.element, details("in figures", said));
+  const design = (words) => attempt(async () => {
+    line.textContent = "comparing manoeuvres …";
+    const job = await ended("design", words);
+    line.textContent = job.ended.kept ? `${job.place}, ${job.ended.took}` : "";
+    if (!job.ended.kept) return say(job.ended.text, true);
+    said.textContent = job.ended.text;
+    await draw(`${job.place}/run_1.csv`);
+  });
+  const draw = async (path) => {
+    const [topic] = (await read("record", { path })).topics, values = async (field) => new Float64Array(await (await get("samples", { path, topic: 0, field })).arrayBuffer());
+    const time = await values(topic.time), rows = [];
+    for (const [k, field] of topic.fields.entries()) if (k !== topic.time) rows.push({ name: field.name, title: `${field.name}${field.unit ? ` [${field.unit}]` : ""}`, traces: [{ name: field.name, time, values: await values(k), colour: "input", held: true }] });
+    plot.unit = `t [${topic.fields[topic.time].unit ?? "s"}]`;
+    file = path; shownRun.hidden = false;
+    plot.show(rows);
+  };
+  const begin = button("Design the next run", () => attempt(async () => {
+    // a result alone says neither how long a run is nor how far inputs may move
+    const fitted = store.state.results.find((r) => r.parameters.length && r.kind !== "diagnosis").path, files = new Set((await table.read()).rows.filter((r) => r.role !== "validation").map((r) => r.file));
+    await design([`--from-result=${fitted}`, ...[...files].map((f) => `--data=${f}`), ...(project().map ? [`--map-file=${project().map}`] : []), "--runs=1"]);
+  }), { title: "The manoeuvre that reduces the errors of the newest fit most" });
+  return { begin, design, element: h("div", {}, line, shownRun), update: (state) => { begin.disabled = !state.results.some((r) => r.parameters.length && r.kind !== "diagnosis"); } };
+};
+
 // ---- 5 report
 
 export const report = () => {
-  let own = null;
-  const of = choice([], "", (to) => { own = to; update(store.state); }, "result"), said = h("pre", { "aria-live": "polite", hidden: true }), page = frame("the report");
+  let own = null, wanted = null;
+  const of = choice([], "", (to) => { wanted = to; update(store.state); }, "result"), said = h("pre", { "aria-live": "polite", hidden: true }), page = frame("the report");
   const give = (verb, words) => attempt(async () => { const done = await run(verb, words()); said.hidden = false; said.textContent = done.text || "written"; say(done.good ? "written into the folder" : "not written", !done.good); });
   const name = () => own.replace(/.*\//, "");
   const to = (kind, ending, ...more) => button(kind, () => give("export", () => [`--from-result=${own}`, `--to=${ending.split(".")[0]}`, ...more, `--output=${name()}.${ending.split(".")[1]}`]));
   const element = h("section.view.report-view", {}, h("div.tools", {}, of, button("Write the page", () => give("report", () => [own]), { class: "first" }), h("span.note", {}, "for other tools:"), to("FMU", "fmu.fmu"), to("C", "c.c"), to("Rust", "rust.rs"), to("JSBSim", "jsbsim.xml"), to("state space", "control.json")), said, page);
   const update = (state) => {
-    own = state.results.some((r) => r.path === own) ? own : (state.results.find((r) => r.parameters.length) ?? state.results[0])?.path;
+    own = state.results.some((r) => r.path === wanted) ? wanted : (state.results.find((r) => r.parameters.length) ?? state.results[0])?.path;
     options(of, state.results.map((r) => [r.path, `${r.path.replace(/^results\//, "")}: ${r.kind}`]), own);
     const seen = state.results.find((r) => r.path === own);
     page.hidden = !seen;

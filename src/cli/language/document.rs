@@ -3,28 +3,31 @@
 use fdm_effects::Catalogue;
 use fdm_grammar::syntax::{self, Declaration, Role, StatementKind, SyntaxTree, Table, Token, TokenKind, Use};
 use fdm_grammar::{Diagnostic, Model, Source, Span};
-use lsp_types::{Position, Range, TextDocumentContentChangeEvent};
+
+/// A place in a text as editors count: lines from 0, columns in UTF-16 units from 0.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Position {
+    pub(crate) line: u32,
+    pub(crate) character: u32,
+}
 
 /// A text of the editor.
 #[derive(Debug)]
-pub(super) struct Document {
-    pub(super) version: i32,
-    pub(super) source: Source,
-    pub(super) lines: Lines,
-    pub(super) tokens: Vec<Token>,
-    pub(super) comments: Vec<Span>,
+pub(crate) struct Document {
+    pub(crate) source: Source,
+    pub(crate) lines: Lines,
+    pub(crate) tokens: Vec<Token>,
+    pub(crate) comments: Vec<Span>,
     /// All statements that can be read.
-    pub(super) tree: Option<SyntaxTree>,
-    /// The model, when there is no mistake.
-    pub(super) model: Option<Model>,
-    pub(super) findings: Vec<Diagnostic>,
-    /// Whether the model and the findings are those of this text: they take longer than the rest.
-    pub(super) is_checked: bool,
+    pub(crate) tree: Option<SyntaxTree>,
+    /// The model, when there is no mistake, once it is checked.
+    pub(crate) model: Option<Model>,
+    pub(crate) findings: Vec<Diagnostic>,
 }
 
 /// What a name was declared as.
 #[derive(Debug, Clone, Copy)]
-pub(super) enum Declared<'a> {
+pub(crate) enum Declared<'a> {
     /// `param a ...`
     Quantity(Role, &'a Declaration),
     /// `table CL(...)`
@@ -34,7 +37,7 @@ pub(super) enum Declared<'a> {
 }
 
 impl<'a> Declared<'a> {
-    pub(super) fn name(self) -> &'a syntax::Name {
+    pub(crate) fn name(self) -> &'a syntax::Name {
         match self {
             Self::Quantity(_, d) => &d.name,
             Self::Table(t) => &t.name,
@@ -43,7 +46,7 @@ impl<'a> Declared<'a> {
     }
 
     /// The word that declares it.
-    pub(super) fn keyword(self) -> &'static str {
+    pub(crate) fn keyword(self) -> &'static str {
         match self {
             Self::Quantity(role, _) => role.keyword(),
             Self::Table(_) => "table",
@@ -51,7 +54,7 @@ impl<'a> Declared<'a> {
         }
     }
 
-    pub(super) fn unit(self) -> Option<&'a str> {
+    pub(crate) fn unit(self) -> Option<&'a str> {
         match self {
             Self::Quantity(_, d) => d.unit.as_ref(),
             Self::Table(t) => t.unit.as_ref(),
@@ -60,7 +63,7 @@ impl<'a> Declared<'a> {
         .map(|u| u.text.as_str())
     }
 
-    pub(super) fn doc(self) -> Option<&'a str> {
+    pub(crate) fn doc(self) -> Option<&'a str> {
         match self {
             Self::Quantity(_, d) => d.doc.as_ref(),
             Self::Table(t) => t.doc.as_ref(),
@@ -88,7 +91,7 @@ fn at_the_use(finding: &mut Diagnostic, whole: &Source) {
 }
 
 impl Document {
-    pub(super) fn new(name: &str, text: String, version: i32) -> Self {
+    pub(crate) fn new(name: &str, text: String) -> Self {
         let source = Source::new(name, text);
         let lines = Lines::new(source.text());
         let (tokens, comments) = syntax::tokens(source.text());
@@ -96,29 +99,11 @@ impl Document {
             true => (None, syntax::parse_effects(&source).1),
             false => syntax::parse_recovering(&source),
         };
-        Self { version, source, lines, tokens, comments, tree, model: None, findings, is_checked: false }
+        Self { source, lines, tokens, comments, tree, model: None, findings }
     }
 
-    /// The text after the editor's changes, each of which sees the one before.
-    pub(super) fn changed(&self, changes: Vec<TextDocumentContentChangeEvent>, version: i32) -> Self {
-        let mut text = self.source.text().to_string();
-        let mut lines = self.lines.clone();
-        for change in changes {
-            match change.range {
-                Some(range) => {
-                    let (start, end) = (lines.offset(&text, range.start), lines.offset(&text, range.end));
-                    text.replace_range(start.min(end)..end.max(start), &change.text);
-                }
-                None => text = change.text,
-            }
-            lines = Lines::new(&text);
-        }
-        Self::new(self.source.name(), text, version)
-    }
-
-    /// Finds every mistake of the text.
-    pub(super) fn check(&mut self) {
-        self.is_checked = true;
+    /// Finds every mistake of the text, which takes longer than the rest.
+    pub(crate) fn check(&mut self) {
         if syntax::holds_effects(self.source.text()) {
             self.findings = Catalogue::read(&self.source).1;
             return;
@@ -132,20 +117,20 @@ impl Document {
         self.findings.iter_mut().for_each(|f| at_the_use(f, &whole));
     }
 
-    pub(super) fn text(&self) -> &str {
+    pub(crate) fn text(&self) -> &str {
         self.source.text()
     }
 
-    pub(super) fn range(&self, span: Span) -> Range {
+    pub(crate) fn range(&self, span: Span) -> [Position; 2] {
         self.lines.range(self.text(), span)
     }
 
-    pub(super) fn offset(&self, position: Position) -> usize {
+    pub(crate) fn offset(&self, position: Position) -> usize {
         self.lines.offset(self.text(), position)
     }
 
     /// Everything that is declared, in the order of the text.
-    pub(super) fn declared(&self) -> impl Iterator<Item = Declared<'_>> {
+    pub(crate) fn declared(&self) -> impl Iterator<Item = Declared<'_>> {
         let statements = self.tree.iter().flat_map(|t| &t.statements);
         statements.flat_map(|s| match &s.kind {
             StatementKind::Declare(role, list) => list.iter().map(|d| Declared::Quantity(*role, d)).collect(),
@@ -155,17 +140,17 @@ impl Document {
         })
     }
 
-    pub(super) fn find(&self, name: &str) -> Option<Declared<'_>> {
+    pub(crate) fn find(&self, name: &str) -> Option<Declared<'_>> {
         self.declared().find(|d| d.name().text == name)
     }
 
     /// Index of the first token that ends at or behind a byte.
-    pub(super) fn token_at(&self, offset: usize) -> usize {
+    pub(crate) fn token_at(&self, offset: usize) -> usize {
         self.tokens.partition_point(|t| (t.span.end as usize) < offset)
     }
 
     /// The word that stands at a byte or ends there.
-    pub(super) fn word(&self, offset: usize) -> Option<&Token> {
+    pub(crate) fn word(&self, offset: usize) -> Option<&Token> {
         let at = self.token_at(offset);
         let touches =
             |t: &&Token| (t.span.start as usize) <= offset && matches!(t.kind, TokenKind::Name | TokenKind::Keyword);
@@ -173,8 +158,19 @@ impl Document {
         self.tokens[at..].iter().take(2).find(touches)
     }
 
+    /// The declared name at a byte, and the span of it there.
+    pub(crate) fn name_at(&self, offset: usize) -> Option<(&str, Span)> {
+        let token = self.word(offset).filter(|t| t.kind == TokenKind::Name)?;
+        let text = token.text(self.text());
+        // of `act.y` the submodel is declared here
+        let own = text.split('.').next().unwrap_or(text);
+        let start = token.span.start as usize;
+        self.find(own)?;
+        Some((own, Span::new(start, start + own.len())))
+    }
+
     /// Whether a byte lies inside a comment.
-    pub(super) fn in_comment(&self, offset: usize) -> bool {
+    pub(crate) fn in_comment(&self, offset: usize) -> bool {
         let at = self.comments.partition_point(|c| (c.end as usize) < offset);
         self.comments.get(at).is_some_and(|c| {
             let line = self.source.slice(*c).starts_with("//");
@@ -185,12 +181,12 @@ impl Document {
 
 /// Where the lines of a text begin.
 #[derive(Debug, Clone)]
-pub(super) struct Lines {
+pub(crate) struct Lines {
     starts: Vec<u32>,
 }
 
 impl Lines {
-    pub(super) fn new(text: &str) -> Self {
+    pub(crate) fn new(text: &str) -> Self {
         let bytes = text.as_bytes();
         // `\n`, `\r\n` and a `\r` that stands alone end lines, for editors as for the language
         let ends = |k: &usize| bytes[*k] == b'\n' || bytes[*k] == b'\r' && bytes.get(k + 1) != Some(&b'\n');
@@ -199,18 +195,18 @@ impl Lines {
     }
 
     /// The editor's place of a byte.
-    pub(super) fn position(&self, text: &str, offset: usize) -> Position {
+    pub(crate) fn position(&self, text: &str, offset: usize) -> Position {
         let mut offset = offset.min(text.len());
         while !text.is_char_boundary(offset) {
             offset -= 1;
         }
         let line = self.starts.partition_point(|s| *s as usize <= offset) - 1;
         let before = &text[self.starts[line] as usize..offset];
-        Position::new(line as u32, before.encode_utf16().count() as u32)
+        Position { line: line as u32, character: before.encode_utf16().count() as u32 }
     }
 
     /// The byte of an editor's place; behind the end of a line its end, behind the last line the end of the text.
-    pub(super) fn offset(&self, text: &str, position: Position) -> usize {
+    pub(crate) fn offset(&self, text: &str, position: Position) -> usize {
         let Some(start) = self.starts.get(position.line as usize).map(|s| *s as usize) else { return text.len() };
         let end = self.starts.get(position.line as usize + 1).map_or(text.len(), |s| *s as usize);
         let line = text[start..end].trim_end_matches(['\n', '\r']);
@@ -224,9 +220,9 @@ impl Lines {
         start + line.len()
     }
 
-    pub(super) fn range(&self, text: &str, span: Span) -> Range {
+    pub(crate) fn range(&self, text: &str, span: Span) -> [Position; 2] {
         let range = span.range();
-        Range::new(self.position(text, range.start), self.position(text, range.end))
+        [range.start, range.end].map(|at| self.position(text, at))
     }
 }
 
@@ -244,7 +240,7 @@ mod tests {
         };
         assert_eq!([0, 1, 5, 7].map(position), [(0, 0), (0, 1), (0, 3), (0, 4)]);
         assert_eq!([9, 10, 11, 12, 13, 99].map(position), [(1, 0), (1, 1), (2, 0), (2, 1), (3, 0), (3, 0)]);
-        let offset = |line, character| lines.offset(text, Position::new(line, character));
+        let offset = |line, character| lines.offset(text, Position { line, character });
         assert_eq!([offset(0, 0), offset(0, 1), offset(0, 3), offset(0, 4), offset(0, 9)], [0, 1, 5, 7, 7]);
         // inside a pair of surrogates: behind it
         assert_eq!((offset(0, 2), offset(1, 7), offset(2, 0), offset(9, 9)), (5, 10, 11, 13));

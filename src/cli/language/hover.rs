@@ -42,7 +42,7 @@ const ABOUT: &[(&str, &str)] = &[
 ];
 
 /// What a word of the language is for.
-pub(super) fn about(word: &str) -> Option<&'static str> {
+pub(crate) fn about(word: &str) -> Option<&'static str> {
     ABOUT.iter().find(|(w, _)| *w == word).map(|(_, about)| *about)
 }
 
@@ -50,11 +50,11 @@ pub(super) fn about(word: &str) -> Option<&'static str> {
 const LONGEST: usize = 400;
 
 /// What stands at a byte, as Markdown, and its span.
-pub(super) fn hover(document: &Document, offset: usize) -> Option<(String, Span)> {
+pub(crate) fn hover(document: &Document, offset: usize) -> Option<(String, Span)> {
     if document.in_comment(offset) {
         return None;
     }
-    if let Some((name, span)) = super::names::at(document, offset) {
+    if let Some((name, span)) = document.name_at(offset) {
         return Some((declared(document, document.find(name)?), span));
     }
     let word = document.word(offset)?;
@@ -67,7 +67,7 @@ pub(super) fn hover(document: &Document, offset: usize) -> Option<(String, Span)
 }
 
 /// What is declared under a name: role, unit, doc, its text, the equation of a state, what a parameter is estimated from.
-pub(super) fn declared(document: &Document, declared: Declared<'_>) -> String {
+pub(crate) fn declared(document: &Document, declared: Declared<'_>) -> String {
     let Some(tree) = &document.tree else { return String::new() };
     let printer = Printer::with_source(tree, &document.source);
     let name = &declared.name().text;
@@ -164,7 +164,7 @@ fn derivatives(tree: &SyntaxTree, root: ExprRef) -> impl Iterator<Item = &str> {
     })
 }
 
-pub(super) fn code(text: &str) -> String {
+pub(crate) fn code(text: &str) -> String {
     format!("```fdm\n{text}\n```")
 }
 
