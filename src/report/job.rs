@@ -36,7 +36,9 @@ fn progress(status: &JobStatus) -> Section {
     let left = status.left.filter(|_| !status.is_whole());
     let left = left.map_or(String::new(), |left| format!(", about {} left", duration(left)));
     let mut table = Rows::over(&status.commands);
-    table.label("result", |c| c.name.clone());
+    if status.commands.len() > 1 {
+        table.label("result", |c| c.name.clone());
+    }
     table.sentence("command", |c| format!("`{}`", c.command.join(" "))).on_page();
     table.words("task", |c| c.task.clone()).on_page();
     table.number("tasks done", |c| format!("{} of {}", c.done, c.tasks));

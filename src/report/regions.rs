@@ -319,7 +319,7 @@ fn corner(id: &str, caption: &str, axes: &[Axis], pair: impl Fn(usize, usize) ->
                 text.label transform={ "translate(12 " (place(frame.top + SIDE / 2.0)) ") rotate(-90)" } text-anchor="middle" { (axes[i + 1].label) }
             }
             @if i + 1 == count {
-                @for (v, label) in frame.x.ticks(2) {
+                @for (v, label) in frame.labels() {
                     text.tick x=(place(frame.across(v))) y=(place(frame.top + SIDE + 14.0)) text-anchor="middle" { (label) }
                 }
                 text.label x=(place(frame.left + SIDE / 2.0)) y=(place(frame.top + SIDE + 31.0)) text-anchor="middle" { (axes[j].label) }
@@ -344,6 +344,24 @@ struct Frame {
 }
 
 impl Frame {
+    /// The numbers below, those whose labels stay over this frame and apart: letters are seven pixels wide at most.
+    fn labels(&self) -> Vec<(f64, String)> {
+        let half = |label: &str| 3.5 * label.chars().count() as f64;
+        let inside = |(v, label): &(f64, String)| {
+            let from_the_middle = (self.across(*v) - self.left - SIDE / 2.0).abs();
+            from_the_middle + half(label) <= (SIDE + GAP) / 2.0
+        };
+        let mut kept: Vec<(f64, String)> = Vec::new();
+        for next in self.x.ticks(2).into_iter().filter(inside) {
+            let touches =
+                |(v, label): &(f64, String)| self.across(next.0) - self.across(*v) < half(label) + half(&next.1);
+            if !kept.last().is_some_and(touches) {
+                kept.push(next);
+            }
+        }
+        kept
+    }
+
     fn across(&self, v: f64) -> f64 {
         self.left + SIDE * self.x.share(v).clamp(0.0, 1.0)
     }
@@ -455,5 +473,24 @@ mod tests {
         let shown = most_correlated(9, correlation);
         assert!(shown.len() == MOST && shown.contains(&3) && shown.contains(&8), "{shown:?}");
         assert!(shown.windows(2).all(|w| w[0] < w[1]));
+    }
+
+    #[test]
+    fn labels_below_narrow_axes_stay_apart_and_over_their_frame() {
+        let ends = |low: f64, high: f64| {
+            let scale = |low, high| Scale { low, high, logarithmic: false };
+            let frame = Frame { x: scale(low, high), y: scale(0.0, 1.0), left: 50.0, top: 0.0 };
+            let end = |(v, label): &(f64, String)| {
+                let half = 3.5 * label.chars().count() as f64;
+                [frame.across(*v) - half, frame.across(*v) + half]
+            };
+            frame.labels().iter().map(end).collect::<Vec<_>>()
+        };
+        for (low, high) in [(-0.16565, -0.16435), (0.0019, 0.0045), (0.0, 1.0), (9.0, 11.0)] {
+            let labels = ends(low, high);
+            assert!(!labels.is_empty(), "{low} to {high}");
+            assert!(labels.windows(2).all(|w| w[0][1] <= w[1][0]), "{labels:?}");
+            assert!(labels.iter().all(|e| e[0] >= 45.0 && e[1] <= 50.0 + SIDE + 5.0), "{labels:?}");
+        }
     }
 }

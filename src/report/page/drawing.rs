@@ -166,20 +166,20 @@ fn body(figure: &Figure, width: f64, height: f64) -> Markup {
     }
 }
 
-/// The ticks of the axis across: the names of things where there is room for all, else round numbers, of things none between them.
+/// The ticks of the axis across: the names of things where there is room for all, else round numbers, between things and whole numbers none.
 fn across(figure: &Figure, x: &Scale, width: f64) -> Vec<(f64, String)> {
     let longest = figure.names.iter().map(|name| name.chars().count()).max();
     // letters are seven pixels wide at most, and two keep names apart
     if longest.is_some_and(|longest| (7 * (longest + 2) * figure.names.len()) as f64 <= width - LEFT - RIGHT) {
         return figure.at.iter().copied().zip(figure.names.iter().cloned()).collect();
     }
+    let whole = !x.logarithmic && figure.at.iter().all(|v| v.fract() == 0.0);
+    let most = if whole { (x.high - x.low) as usize } else { usize::MAX };
+    let ticks = |count: usize| x.ticks(count.min(most).max(1));
     let room = (width / 95.0) as usize;
-    if !figure.names.is_empty() && !x.logarithmic {
-        return x.ticks(room.min((x.high - x.low) as usize).max(1));
-    }
+    let found = ticks(room);
     // one number says nothing of the scale
-    let ticks = x.ticks(room);
-    if ticks.len() < 2 { x.ticks(2 * room) } else { ticks }
+    if found.len() < 2 { ticks(2 * room) } else { found }
 }
 
 fn drawn(figure: &Figure, panel: &Panel, frame: &Frame) -> Markup {
@@ -298,5 +298,17 @@ mod tests {
         let nan = f64::NAN;
         let text = path([(0.0, 1.0), (1.04, 0.5), (2.0, nan), (3.0, 3.0), (4.0, nan)].into_iter());
         assert_eq!(text, "M0 1l1 -.5M3 3h0");
+    }
+
+    #[test]
+    fn whole_numbers_have_none_between_them_and_every_axis_has_two() {
+        let labels = |at: Vec<f64>, width: f64| {
+            let x = Scale::around(at.iter(), 0.02, false);
+            let found = across(&Figure::new("a", "", "", at), &x, width);
+            found.into_iter().map(|(_, label)| label).collect::<Vec<_>>()
+        };
+        assert_eq!(labels((0..5).map(f64::from).collect(), 760.0), ["0", "1", "2", "3", "4"]);
+        assert_eq!(labels(vec![5.0, 95.0], 240.0), ["20", "40", "60", "80"]);
+        assert_eq!(labels(vec![0.43, 0.58], 240.0), ["0.45", "0.50", "0.55"]);
     }
 }

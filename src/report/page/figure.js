@@ -78,17 +78,18 @@
     return found;
   };
 
-  // The names of things where there is room for all, else round numbers, of things none between them.
+  // The names of things where there is room for all, else round numbers, between things and whole numbers none.
   const across = (data, x, width) => {
     const names = data.names;
     if (names && 7 * (Math.max(...names.map((n) => n.length)) + 2) * names.length <= width - MARGIN.left - MARGIN.right) {
       return data.at.map((v, k) => [v, names[k]]).filter(([v]) => v >= x.low && v <= x.high);
     }
+    const whole = !data.logarithmic && data.at.every(Number.isInteger);
+    const most = whole ? Math.max(1, Math.floor(x.high - x.low)) : Infinity;
     const room = Math.floor(width / 95);
-    if (names && !data.logarithmic) return ticks(x, Math.max(1, Math.min(room, Math.floor(x.high - x.low))));
+    const found = ticks(x, Math.min(room, most));
     // one number says nothing of the scale
-    const found = ticks(x, room);
-    return found.length < 2 ? ticks(x, 2 * room) : found;
+    return found.length < 2 ? ticks(x, Math.min(2 * room, most)) : found;
   };
 
   // Drawing

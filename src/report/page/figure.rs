@@ -350,4 +350,16 @@ mod tests {
         let names: Vec<&str> = figure.key().iter().map(|m| m.name.as_str()).collect();
         assert_eq!(names, ["before", "after"]);
     }
+
+    #[test]
+    fn dots_of_few_things_are_narrow_and_marks_without_values_have_no_key() {
+        let figure = |count: usize| {
+            let dots = |name, value| Mark::dots(name, Look::Model, vec![value; count]);
+            let marks = vec![dots("now", f64::NAN), Mark { look: Look::Residual, ..dots("then", 1.0) }];
+            Figure::new("a", "", "", vec![0.0; count]).with(Panel::new("y", 100, marks))
+        };
+        assert_eq!(figure(3).key().iter().map(|m| m.name.as_str()).collect::<Vec<_>>(), ["then"]);
+        assert!(figure(3).markup().into_string().contains("class=\"plot few\""));
+        assert!(!figure(4).is_few());
+    }
 }
