@@ -138,6 +138,16 @@ fn two_inputs_in_straight_lines_that_were_taken_for_held_are_no_delays() {
     assert!(found["causes"].as_array().unwrap().is_empty(), "{}", found["causes"]);
 }
 
+/// One logger writes all runs: steps in one of them are no reason to hold what goes in straight lines in another.
+#[test]
+fn a_run_of_steps_beside_a_smooth_one_goes_as_that_does() {
+    let desk = desk();
+    let asked = desk.fdm("diagnose lag.fdm --data straight.csv --data ramps.csv --json");
+    let found: serde_json::Value = serde_json::from_str(&printed(&asked)).unwrap();
+    let what = found["mended"]["faults"][0]["what"].as_str().unwrap_or_default();
+    assert!(found["verdict"] == "record_fault" && what.contains("where it was held in some runs"), "{found}");
+}
+
 #[test]
 fn straight_lines_are_not_doubted() {
     let desk = desk();

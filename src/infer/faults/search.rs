@@ -208,28 +208,29 @@ impl Search<'_> {
         (found, fits)
     }
 
-    /// Inputs that may be held between samples, or go in straight lines, where nobody said which.
+    /// Inputs that may be held between samples, or go in straight lines, where nobody said which: in all runs alike, as one logger writes them.
     fn holds(&self) -> Vec<Hypothesis> {
-        let ground = self.ground;
-        let run = &ground.runs[0];
-        let of = |k: usize| {
-            let held = !run.held[k];
+        let runs = self.ground.runs;
+        let of = |(k, held): (usize, bool)| {
             let words = if held {
                 "keeps its value between samples, where straight lines were assumed"
             } else {
                 "goes in straight lines between samples, where it was held"
             };
             let (slot, weight) = (Slot::Input(k), 1.0);
+            let some = if runs.iter().all(|r| r.held[k] != held) { "" } else { " in some runs" };
             Hypothesis {
                 fault: Fault::Hold,
                 slots: vec![slot],
                 edits: vec![Edit::Hold(slot, held)],
-                what: words.into(),
+                what: format!("{words}{some}"),
                 weight,
                 frame: None,
             }
         };
-        (0..ground.channels.inputs).filter(|k| ground.runs.iter().all(|r| !r.is_stated(*k))).map(of).collect()
+        let inputs = (0..self.ground.channels.inputs).filter(|k| runs.iter().all(|r| !r.is_stated(*k)));
+        let ways = inputs.flat_map(|k| [(k, true), (k, false)]);
+        ways.filter(|(k, held)| runs.iter().any(|r| r.held[*k] != *held)).map(of).collect()
     }
 
     /// Faults with a size.
