@@ -45,6 +45,13 @@ struct Axis {
     interval: Option<[f64; 2]>,
 }
 
+impl Axis {
+    /// The length of a label that would be longer than its side: letters are six pixels wide in the mean.
+    fn squeezed(&self) -> Option<f64> {
+        (6 * self.label.chars().count() > SIDE as usize).then_some(SIDE)
+    }
+}
+
 /// What is drawn of a pair, in values of the parameters.
 #[derive(Default)]
 struct Pair {
@@ -316,13 +323,13 @@ fn corner(id: &str, caption: &str, axes: &[Axis], pair: impl Fn(usize, usize) ->
                 @for (v, label) in frame.y.ticks(3) {
                     text.tick x=(LEFT - 5.0) y=(place(frame.down(v) + 4.0)) text-anchor="end" { (label) }
                 }
-                text.label transform={ "translate(12 " (place(frame.top + SIDE / 2.0)) ") rotate(-90)" } text-anchor="middle" { (axes[i + 1].label) }
+                text.label transform={ "translate(12 " (place(frame.top + SIDE / 2.0)) ") rotate(-90)" } text-anchor="middle" textLength=[axes[i + 1].squeezed()] lengthAdjust="spacingAndGlyphs" { (axes[i + 1].label) }
             }
             @if i + 1 == count {
                 @for (v, label) in frame.labels() {
                     text.tick x=(place(frame.across(v))) y=(place(frame.top + SIDE + 14.0)) text-anchor="middle" { (label) }
                 }
-                text.label x=(place(frame.left + SIDE / 2.0)) y=(place(frame.top + SIDE + 31.0)) text-anchor="middle" { (axes[j].label) }
+                text.label x=(place(frame.left + SIDE / 2.0)) y=(place(frame.top + SIDE + 31.0)) text-anchor="middle" textLength=[axes[j].squeezed()] lengthAdjust="spacingAndGlyphs" { (axes[j].label) }
             }
         } }
     };

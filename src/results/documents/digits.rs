@@ -6,7 +6,8 @@ pub fn digits(v: f64, significant: usize) -> String {
         return "not determined".into();
     }
     if v == 0.0 || !v.is_finite() {
-        return format!("{v}");
+        // a zero below zero is none
+        return format!("{}", v + 0.0);
     }
     let rounded = format!("{v:.*e}", significant.max(1) - 1);
     let exponent: i32 = rounded.split('e').nth(1).and_then(|e| e.parse().ok()).unwrap_or(0);
@@ -59,6 +60,7 @@ mod tests {
     #[test]
     fn what_is_no_number_is_not_printed_as_one() {
         assert_eq!(digits(f64::NAN, 3), "not determined");
+        assert_eq!(digits(-0.0, 3), "0");
     }
 
     #[test]
