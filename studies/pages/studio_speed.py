@@ -19,7 +19,7 @@ from pathlib import Path
 SAMPLES, CHANNELS = 1_000_000, 20
 RATE, LENGTH = 100, 100  # Hz, s: the record of the aircraft
 FRAMES, MOVES = 300, 120
-PATIENCE = 180  # s
+PATIENCE = 600  # s
 
 
 class Window:

@@ -367,7 +367,7 @@ export const fit = (models) => {
   const update = (state) => {
     const fits = state.results.filter((r) => r.kind !== "diagnosis" && r.parameters.length);
     own = fits.some((r) => r.path === own) ? own : page.dataset.at?.startsWith("page") ? own : fits[0]?.path;
-    const key = JSON.stringify([fits.map((r) => [r.path, r.stamp]), own]);
+    const text = models.editor().over, key = JSON.stringify([fits.map((r) => [r.path, r.stamp]), own, text]);
     if (list.dataset.key === key) return;
     list.dataset.key = key;
     list.replaceChildren(...fits.map((r, k) => {
@@ -377,7 +377,7 @@ export const fit = (models) => {
         changed.replaceChildren(changed.firstChild, c.model ? diff(c.model) : "", ...c.others.map((o) => h("p.note", {}, o)), c.model || c.others.length ? "" : h("p.note", {}, "nothing"));
       }), { once: true });
       return h("li", { class: r.path === own ? "at" : "" }, h("div.tools", {}, h("input", { type: "checkbox", "aria-label": `compare ${r.path}`, checked: compared.has(r.path), change: (e) => { e.target.checked ? compared.add(r.path) : compared.delete(r.path); compare.disabled = compared.size !== 2; } }), button(r.path.replace(/^results\//, ""), () => { own = r.path; update(store.state); }, { class: "plain" })),
-        h("p.note", {}, `RMS ${r.errors.slice(0, 4).map((e) => `${e.output}${r.errors.some((o) => o.run !== e.run) ? ` (${e.run})` : ""} ${shown(e.rms, 3)} ${e.unit ?? ""}`).join(", ")}${r.errors.length > 4 ? ", …" : ""}`), h("p.says", {}, r.says), changed, back(models, r));
+        h("p.note", {}, `RMS ${r.errors.slice(0, 4).map((e) => `${e.output}${r.errors.some((o) => o.run !== e.run) ? ` (${e.run})` : ""} ${shown(e.rms, 3)} ${e.unit ?? ""}`).join(", ")}${r.errors.length > 4 ? ", …" : ""}`), h("p.says", {}, r.says), changed, text && r.text !== text ? back(models, r) : "");
     }));
     const seen = fits.find((r) => r.path === own);
     if (seen) { point(page, result(seen)); tell(...(seen.command.length ? seen.command.map((w, k) => (k ? shell(w) : "fdm")) : ["fdm fit"])); }
