@@ -16,7 +16,7 @@ pub(crate) struct Asked {
     run: usize,
     /// Other values of parameters.
     set: Vec<(String, f64)>,
-    /// Whether steps are chosen for these values, as `fdm simulate` does; else they are those of the first values.
+    /// Whether the numbers are those of `fdm simulate`; else steps are those of the first values, short enough for a drawing.
     #[serde(default)]
     exact: bool,
     /// Whether the samples of the run are wanted too.
@@ -62,6 +62,9 @@ struct Param {
     log: bool,
 }
 
+/// What is drawn is right to a thousandth of its range: no figure has more pixels for an output.
+const DRAWN: &str = "--integration-accuracy=1e-3";
+
 /// A question to the thread.
 struct Question {
     /// The words of `fdm simulate` with what the project adds, behind the verb.
@@ -79,6 +82,9 @@ pub(crate) struct Live(Mutex<Option<SyncSender<Question>>>);
 impl Live {
     /// The response, as a document and the numbers behind it.
     pub(crate) fn respond(&self, words: Vec<String>, stamp: String, asked: Asked) -> Result<Vec<u8>, Refusal> {
+        if asked.exact {
+            return exact(&words, &asked).map_err(|e| Refusal::wrong(e.to_string()));
+        }
         let gone = || Refusal::wrong("the simulation has ended");
         let (answer, heard) = sync_channel(1);
         let to = {
@@ -101,7 +107,10 @@ impl Live {
 fn serve(from: &Receiver<Question>) {
     let mut next = from.recv().ok();
     while let Some(question) = next.take() {
-        let subject = parsed::<Options>(&[], &question.words).and_then(|options| Ok((options.subject()?, options)));
+        let drawn = || parsed::<Options>(&[], &[&question.words[..], &[DRAWN.into()]].concat());
+        // beside steps that were typed there is no other accuracy
+        let options = drawn().or_else(|_| parsed::<Options>(&[], &question.words));
+        let subject = options.and_then(|options| Ok((options.subject()?, options)));
         match subject {
             Ok((subject, options)) => next = serve_one(from, question, &subject, &options),
             Err(e) => {
@@ -122,7 +131,7 @@ fn serve_one(from: &Receiver<Question>, first: Question, subject: &Subject, opti
         if question.words != words || question.stamp != stamp {
             return Some(question);
         }
-        let found = answered(subject, (options, &words), &mut simulators, &question.asked);
+        let found = answered(subject, options, &mut simulators, &question.asked);
         // a window that has gone hears nothing
         let _ = question.answer.send(found.map_err(|e| e.to_string()));
     }
@@ -130,31 +139,42 @@ fn serve_one(from: &Receiver<Question>, first: Question, subject: &Subject, opti
 
 fn answered<'s>(
     subject: &'s Subject,
-    (options, words): (&Options, &[String]),
+    options: &Options,
     simulators: &mut [Option<Repeated<'s>>],
     asked: &Asked,
 ) -> Result<Vec<u8>, Failure> {
-    let Subject { model, folder, runs } = subject;
-    let folder = folder.as_ref();
-    let none = || Failure::input([format!("there is no run {}", asked.run + 1)]);
-    let (run, kept) = runs.get(asked.run).zip(simulators.get_mut(asked.run)).ok_or_else(none)?;
-    let mut faults = Vec::new();
-    let mut y = Vec::new();
+    let Subject { model, folder, .. } = subject;
+    let (run, kept) = (run(subject, asked)?, &mut simulators[asked.run]);
     let kept = match kept {
         Some(kept) => kept,
-        None => kept.insert(Repeated::new(model, run, folder, options)?),
+        None => kept.insert(Repeated::new(model, run, folder.as_ref(), options)?),
     };
-    if asked.exact {
-        // as it is typed
-        let set = asked.set.iter().map(|(name, value)| format!("--set={name}={value}"));
-        let options: Options = parsed(&[], &words.iter().cloned().chain(set).collect::<Vec<_>>())?;
-        let model = options.model.changed(model)?;
-        let response = respond(&model, run, folder, &options)?;
-        faults = response.faults(&model);
-        y = response.y;
-    } else if let Err(d) = kept.respond(&asked.set, &mut y) {
+    let (mut y, mut faults) = (Vec::new(), Vec::new());
+    if let Err(d) = kept.respond(&asked.set, &mut y) {
         faults.push(format!("the response diverges at time {}", d.time));
     }
+    Ok(told((subject, run), (&y, faults), kept.theta(), asked))
+}
+
+/// As the command says it.
+fn exact(words: &[String], asked: &Asked) -> Result<Vec<u8>, Failure> {
+    let subject = parsed::<Options>(&[], words)?.subject()?;
+    let run = run(&subject, asked)?;
+    let set = asked.set.iter().map(|(name, value)| format!("--set={name}={value}"));
+    let options: Options = parsed(&[], &words.iter().cloned().chain(set).collect::<Vec<_>>())?;
+    let model = options.model.changed(&subject.model)?;
+    let response = respond(&model, run, subject.folder.as_ref(), &options)?;
+    let faults = response.faults(&model);
+    Ok(told((&subject, run), (&response.y, faults), &[], asked))
+}
+
+fn run<'s>(subject: &'s Subject, asked: &Asked) -> Result<&'s Run, Failure> {
+    subject.runs.get(asked.run).ok_or_else(|| Failure::input([format!("there is no run {}", asked.run + 1)]))
+}
+
+/// A response (N by q) as it goes to the page, beside the record and the parameters at these values where they are wanted.
+fn told((subject, run): (&Subject, &Run), (y, faults): (&[f64], Vec<String>), theta: &[f64], asked: &Asked) -> Vec<u8> {
+    let Subject { model, runs, .. } = subject;
     let definition = model.definition();
     let mut told = Told { runs: runs.iter().map(|r| r.name.clone()).collect(), faults, ..Told::default() };
     told.time = definition.time.to_string();
@@ -168,7 +188,7 @@ fn answered<'s>(
             told.columns.push(Column { name: quantity.name.clone(), kind, unit, length: numbers.len() - before });
         }
     };
-    put("model", &outputs, &y, &mut told);
+    put("model", &outputs, y, &mut told);
     if asked.measured {
         put("measured", &outputs, &run.measured, &mut told);
         let inputs: Vec<_> = definition.inputs.iter().map(|i| &i.quantity).collect();
@@ -176,10 +196,10 @@ fn answered<'s>(
         numbers.extend(&run.time);
         let unit = Some(told.time.clone());
         told.columns.push(Column { name: "t".into(), kind: "time", unit, length: run.len() });
-        let all = definition.params.iter().zip(kept.theta()).filter(|(p, _)| !p.is_recorded());
+        let all = definition.params.iter().zip(theta).filter(|(p, _)| !p.is_recorded());
         told.params = all.map(|(p, value)| param(p, *value)).collect();
     }
-    Ok(packed(&told, &numbers))
+    packed(&told, &numbers)
 }
 
 /// Signals in a row of samples.

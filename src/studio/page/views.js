@@ -248,7 +248,7 @@ export const model = () => {
   }));
   const start = latest(async () => {
     if (!path || !(project().data.length || project().runs) || project().model !== path) { sliders.replaceChildren(h("p.note", {}, project().model === path ? "Choose a record: its response is drawn here." : "This is not the model of the project.")); return; }
-    const answer = await post("simulate", { run: at, set: Object.entries(values), exact: true, measured: true }).catch((e) => {
+    const answer = await post("simulate", { run: at, set: Object.entries(values), measured: true }).catch((e) => {
       // mistakes of the text stand below it
       faults.textContent = editor.findings.some((f) => f.error) ? "" : e.message;
     });
@@ -258,7 +258,7 @@ export const model = () => {
     runs.hidden = told.runs.length < 2;
     show(told, false);
     move();
-    tell("fdm simulate", ...Object.entries(values).map(([n, v]) => shell(`--set=${n}=${v}`)));
+    settle();
   });
   const show = (now, keep) => {
     const of = (kind, all) => all.columns.filter((c) => c.kind === kind), time = of("time", told)[0].values;
@@ -271,17 +271,21 @@ export const model = () => {
     plot.show(rows, keep || plot.whole?.[1] === time[time.length - 1]);
     for (const row of plot.rows) for (const [k, t] of row.traces.entries()) if (t.name === "measured") measured.find((m) => m.name === row.name).trace = t; else if (!k && t.name === row.name) inputs.find((i) => i.name === row.name).trace = t;
   };
-  const follow = latest(async (exact) => {
-    const answer = await post("simulate", { run: at, set: Object.entries(values), exact }).catch((e) => { faults.textContent = e.message; });
-    if (answer) show(unpack(await answer.arrayBuffer()), true);
-    if (exact) tell("fdm simulate", ...Object.entries(values).map(([n, v]) => shell(`--set=${n}=${v}`)));
-  });
+  // what is drawn while a slider moves is right to a pixel; where it comes to rest the numbers of the command follow, which may take longer
+  const respond = async (exact) => {
+    const set = Object.entries(values), asked = JSON.stringify([at, set]);
+    const answer = await post("simulate", { run: at, set, exact }).catch((e) => { faults.textContent = e.message; });
+    if (answer && (!exact || JSON.stringify([at, Object.entries(values)]) === asked)) show(unpack(await answer.arrayBuffer()), true);
+    if (exact) tell("fdm simulate", ...set.map(([n, v]) => shell(`--set=${n}=${v}`)));
+  };
+  const follow = latest(() => respond(false));
+  const settle = latest(() => respond(true));
   const move = () => {
     sliders.replaceChildren(...told.params.map((p) => {
       const now = () => values[p.name] ?? p.value;
       const reach = Math.abs(now()) || (p.upper !== null && p.lower !== null ? (p.upper - p.lower) / 4 : 1);
       const low = Math.max(p.lower ?? -Infinity, now() - 2 * reach), high = Math.min(p.upper ?? Infinity, now() + 2 * reach);
-      const change = (value, exact) => { values[p.name] = value; number.value = String(Number(value.toPrecision(6))); slider.value = value; follow(exact); };
+      const change = (value, exact) => { values[p.name] = value; number.value = String(Number(value.toPrecision(6))); slider.value = value; follow(); if (exact) settle(); };
       const slider = h("input", { type: "range", min: String(low), max: String(high), step: "any", "aria-label": `${p.name}${p.unit ? ` in ${p.unit}` : ""}`, input: () => change(Number(slider.value), false), change: () => change(Number(slider.value), true),
         keydown: (e) => { const by = { ArrowUp: 1, ArrowRight: 1, ArrowDown: -1, ArrowLeft: -1 }[e.key]; if (by) { e.preventDefault(); change(Math.min(high, Math.max(low, now() + by * (high - low) / 200)), true); } } });
       slider.value = now();
