@@ -287,7 +287,7 @@ fn what_can_be_typed_depends_on_the_place() {
     let statements = editor.at("textDocument/completion", 7, 2);
     assert!(labels(&statements).contains(&"param") && labels(&statements).contains(&"der(q) = "), "{statements}");
     let attributes = editor.at("textDocument/completion", 3, 16);
-    assert_eq!(labels(&attributes), ["in", "fixed", "per run", "log", "held"]);
+    assert_eq!(labels(&attributes), ["in", "fixed", "per run", "log", "held", "linear"]);
     editor.leave();
 }
 
