@@ -517,10 +517,11 @@ impl Kinematics {
             };
             let [low, high] = balance.between;
             let same = balances.iter().filter(|b| off(b) && alike(b, balance)).count();
+            // a factor that may be none has no logarithm
+            let middle = if low > 0.0 { (low * high).sqrt() } else { 0.5 * (low + high) };
             let mut what = format!(
-                "`{}` changes by {:.3} of it ({low:.3} to {high:.3}): a factor, a filter, or an interval that is not the stamps'",
-                name(y),
-                (low * high).sqrt()
+                "`{}` changes by {middle:.3} of it ({low:.3} to {high:.3}): a factor, a filter, or an interval that is not the stamps'",
+                name(y)
             );
             if same > 1 {
                 what.push_str(&format!("; {same} equations of {} are alike", balances.len()));

@@ -75,21 +75,25 @@ pub fn diagnose(
         let runs = Runs { all: &mended.runs, ..runs };
         asked.judged(asked.fitted(&mended.model, runs).ok()?, runs).ok()
     };
-    // how inputs go between samples where nobody said so is the reader's guess: one that the records contradict explains nothing, and effects are looked
-    // for beside the other one alone
+    // how inputs go between samples where nobody said so is the reader's guess: where the other one leaves nothing to be explained, no effect is to
+    // explain that it was wrong. Where something is left, a delay may be what the other guess imitates
+    let mut asked_mended = None;
     if let Some(mended) = mended.as_ref().filter(|m| m.assumed && m.evidence > GROUP)
-        && let Some((own, _)) = judged_mended(mended)
+        && let Some((own, null)) = judged_mended(mended)
     {
-        let evidence = mended.evidence + best(&own);
-        let mut found = with_mended(of_record(evidence, vec![nothing()]), given, mended, own);
-        found.notes.splice(0..0, notes);
-        return Ok(found);
+        if own.verdict == Verdict::NoEffectFound {
+            let evidence = mended.evidence + best(&own);
+            let mut found = with_mended(of_record(evidence, vec![nothing()]), given, mended, own);
+            found.notes.splice(0..0, notes);
+            return Ok(found);
+        }
+        asked_mended = Some((own, null));
     }
     let (mut found, null) = asked.judged(first, runs)?;
     let beside = mended.filter(|_| work.goes_on()).and_then(|mut mended| {
         let same = |(a, b): (&Run, &Run)| a.measured.iter().zip(&b.measured).all(|(a, b)| a.to_bits() == b.to_bits());
         let measured_alike = runs.all.iter().zip(&mended.runs).all(same);
-        let (own, mended_null) = judged_mended(&mended)?;
+        let (own, mended_null) = asked_mended.or_else(|| judged_mended(&mended))?;
         // of the same samples both are asked alike, growing noise included
         if measured_alike && mended_null.every == null.every {
             mended.evidence = mended.prior + mended_null.log - null.log;
