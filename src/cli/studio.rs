@@ -84,6 +84,7 @@ const LANGUAGE: fdm_studio::Language = {
                 called: item.kind == completion::Kind::Function,
                 label: item.label,
                 detail: item.detail,
+                declared: item.declared,
             };
             completion::items(&document, offset).into_iter().map(one).collect()
         },

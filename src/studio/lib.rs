@@ -60,6 +60,8 @@ pub struct Suggestion {
     pub label: String,
     /// What it is.
     pub detail: Option<String>,
+    /// What is declared under a name.
+    pub declared: Option<String>,
     /// Whether arguments follow in brackets.
     pub called: bool,
 }

@@ -38,7 +38,7 @@ const LANGUAGE: Language = Language {
         });
         found.into_iter().collect()
     },
-    suggestions: |_, _| vec![Suggestion { label: "sin".into(), detail: None, called: true }],
+    suggestions: |_, _| vec![Suggestion { label: "sin".into(), detail: None, declared: None, called: true }],
     explained: |text, (line, _)| text.lines().nth(line as usize).map(str::to_string),
 };
 

@@ -73,6 +73,14 @@ export const store = {
   state: null, heard: [],
   on(f) { this.heard.push(f); if (this.state) f(this.state); },
   put(state) { this.state = state; for (const f of this.heard) f(state); },
+  // once the folder is seen as a click made it: the next one goes on from there
+  until(holds) {
+    return new Promise((done) => this.on(function seen(state) {
+      if (!holds(state)) return;
+      store.heard = store.heard.filter((f) => f !== seen);
+      done();
+    }));
+  },
   files(kind) { return (this.state?.files ?? []).filter((f) => f.kind === kind); },
   job(id) { return this.state?.jobs.find((j) => j.id === id); },
 };

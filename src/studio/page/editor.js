@@ -90,7 +90,7 @@ export class Editor {
     const begun = this.area.value.slice(0, offset).match(/[\w]*$/)[0];
     this.items = all.filter((i) => i.label.toLowerCase().startsWith(begun.toLowerCase()) && i.label !== begun).slice(0, 12);
     this.begun = begun; this.at = 0;
-    this.list.replaceChildren(...this.items.map((item, k) => h("li", { role: "option", id: `complete-${k}`, mousedown: (e) => { e.preventDefault(); this.at = k; this.take(); } }, h("b", {}, item.label), h("span", {}, item.detail ?? ""))));
+    this.list.replaceChildren(...this.items.map((item, k) => h("li", { role: "option", id: `complete-${k}`, title: item.declared ?? "", mousedown: (e) => { e.preventDefault(); this.at = k; this.take(); } }, h("b", {}, item.label), h("span", {}, item.detail ?? ""))));
     const { letter, line } = this.metrics();
     this.list.style.left = `${(place.character - begun.length) * letter}px`;
     this.list.style.top = `${(place.line + 1) * line + 8}px`;

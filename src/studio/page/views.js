@@ -165,7 +165,7 @@ export const record = () => {
     if (!findings.length) { judged.replaceChildren(h("p", {}, text)); return; }
     const row = (f, k) => h("tr", {}, h("th", { scope: "row", class: f.severity === "finding" ? "large" : "" }, f.fault.replaceAll("_", " ")), h("td", {}, f.channels.join(", ")), h("td.reason", {}, f.what),
       h("td", {}, f.place && button("Show", () => { const m = mark(f, true), wide = Math.max(m.to - m.from, 0.05 * (plot.whole[1] - plot.whole[0])); plot.marks = findings.map((o, i) => mark(o, i === k)).filter(Boolean); plot.move([m.from - wide, m.to + wide]); })),
-      h("td", {}, f.repair ? button("Repair", (e) => attempt(async () => { const own = e.target, map = await send("repair", [k]); own.textContent = `in ${map}`; own.disabled = true; tell("fdm doctor --fix", map, shell(path)); }), { title: f.repair.line }) : ""));
+      h("td", {}, f.repair ? button("Repair", (e) => attempt(async () => { const own = e.target, map = await send("repair", [k]); await store.until((s) => s.project.map === map); own.textContent = `in ${map}`; own.disabled = true; tell("fdm doctor --fix", map, shell(path)); }), { title: f.repair.line }) : ""));
     judged.replaceChildren(h("h2", {}, "What the doctor finds"), h("div.scroll", {}, h("table", {}, h("thead", {}, h("tr", {}, ["fault", "channels", "what it is", "", ""].map((t) => h("th", {}, t)))), h("tbody", {}, findings.map(row)))));
   };
   const update = (state) => {
