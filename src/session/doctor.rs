@@ -1,6 +1,7 @@
 //! `fdm doctor`: records judged before they are believed, by themselves and beside a model.
 
 use crate::answer::{Answer, Wanted};
+use crate::campaign::RecordFile;
 use crate::conduct::Conduct;
 use crate::failure::Failure;
 use crate::halt::TimeLimit;
@@ -135,10 +136,19 @@ impl Options {
     /// What a record holds no more once it is read for a model: pauses, behind which another run begins, and numbers that stand for missing values.
     fn mended_by_the_reader(&self, session: &Session, runs: &[Record]) -> Vec<Finding> {
         let Selection { salvage, map_file, .. } = &self.records.selection;
-        let paths: BTreeSet<PathBuf> = session.files().into_iter().map(|file| file.path.clone()).collect();
-        // what cannot be read as a table was read as what it is
-        let tables = tables(&Vec::from_iter(paths), *salvage, map_file.as_ref()).unwrap_or_default();
-        let records: Vec<Record> = tables.iter().map(|(told, topic)| Record::of_topic(&told.run, topic)).collect();
+        let whole = |file: &RecordFile| {
+            let o = &file.options;
+            o.from.is_none() && o.to.is_none() && o.runs_by.is_none() && !o.replicates
+        };
+        let files = session.files().into_iter().filter(whole);
+        let paths: BTreeSet<PathBuf> = files.map(|file| file.path).collect();
+        // what is no table was read as what it is, and of many topics some are not read at all
+        let of = |path: &PathBuf| -> Option<Record> {
+            let all = tables(std::slice::from_ref(path), *salvage, map_file.as_ref()).ok()?;
+            let [(told, topic)] = &all[..] else { return None };
+            Some(Record::of_topic(&told.run, topic))
+        };
+        let records: Vec<Record> = paths.iter().filter_map(of).collect();
         let mut found = self.by_records(&records);
         let read = |name: &String| {
             let mut channels = runs.iter().flat_map(|r| &r.channels);

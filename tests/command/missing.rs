@@ -216,5 +216,8 @@ fn what_the_reader_mends_is_found_by_the_doctor_once() {
             found["findings"].as_array().unwrap().iter().filter(of).count()
         };
         assert_eq!((told("gap"), told("sentinel")), (1, 1), "{found:#}");
+        // the repair that it names is one: a part without the pause has none
+        let part = desk.fdm("doctor m.fdm --data marked.csv --from 7.6 --json");
+        assert!(!support::command::printed(&part).contains("\"gap\""), "{}", support::command::printed(&part));
     }
 }
