@@ -316,15 +316,17 @@ impl Options {
             ]));
         };
         let deviations = self.deviations(model, folder)?;
-        let theta = self.theta(model, folder, None);
+        let shared_theta = self.theta(model, folder, None);
         let known = runs.into_iter().map(|run| {
             let mut own = self.theta(model, folder, Some(&run));
             // what runs share is one number
-            let shared = model.definition().params.iter().zip(&theta).enumerate();
+            let shared = model.definition().params.iter().zip(&shared_theta).enumerate();
             shared.filter(|(_, (p, _))| !p.per_run).for_each(|(k, (_, value))| own[k] = *value);
             (run, own)
         });
-        let known = known.collect();
+        let known: Vec<(Run, Vec<f64>)> = known.collect();
+        // the next run begins as the first one did
+        let theta = known.first().map_or(shared_theta, |(_, own)| own.clone());
         Ok(Question {
             model,
             theta,

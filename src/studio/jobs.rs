@@ -5,7 +5,7 @@ use crate::http::{Refusal, Status};
 use crate::{Completed, Studio};
 use clap::Args;
 use fdm_report::page::duration;
-use fdm_results::store::{Destination, write_file};
+use fdm_results::store::{Destination, make_folder, write_file};
 use fdm_session::doctor::{self, Judged, judge};
 use fdm_session::failure::{Failure, OrFailure};
 use fdm_session::request::{Watch, parsed};
@@ -201,12 +201,18 @@ fn worked(studio: &Studio, job: &Job, whole: &[String]) -> Result<Answer, Failur
     }
 }
 
+/// The words of a command behind its verb, but for where its result goes, which is this folder's matter.
+fn within(whole: &[String]) -> Vec<String> {
+    whole.iter().skip(2).filter(|w| !w.starts_with(OUT) && !w.starts_with(RECORDS)).cloned().collect()
+}
+
 /// Designs the next runs, and writes their manoeuvres into a folder.
 fn designed(studio: &Studio, job: &Job, whole: &[String]) -> Result<Answer, Failure> {
-    let options: design::Options = parsed(&[], whole.get(2..).unwrap_or_default())?;
+    let options: design::Options = parsed(&[], &within(whole))?;
     let mut conduct = job.watch.conduct(Wanted::default()).within(&options.limit);
     let answer = design::answer(&options, &mut conduct)?;
     let place = studio.folder.result(job.place.as_deref().unwrap_or_default());
+    make_folder(&place).map_err(|e| Failure::at(&place, &e))?;
     for (name, bytes) in &answer.files {
         write_file(&place.join(name), bytes).map_err(|e| Failure::at(&place, &e))?;
     }
@@ -215,8 +221,7 @@ fn designed(studio: &Studio, job: &Job, whole: &[String]) -> Result<Answer, Fail
 
 /// Works out a verb as the command does, and keeps its folder.
 fn kept<V: Verb + Args>(studio: &Studio, job: &Job, whole: &[String]) -> Result<Answer, Failure> {
-    let words: Vec<String> = whole.iter().skip(2).filter(|w| !w.starts_with(OUT)).cloned().collect();
-    let options: V = parsed(&[], &words)?;
+    let options: V = parsed(&[], &within(whole))?;
     let mut conduct = job.watch.conduct(WHOLE).within(options.given().limit);
     let session = options.session(&conduct)?.of_command(whole.to_vec());
     let place = studio.folder.result(job.place.as_deref().unwrap_or_default());

@@ -1,7 +1,7 @@
 //! `fdm design`: what it promises of a run is what a fit of that run finds.
 
 use serde_json::Value;
-use support::Desk;
+use support::{Desk, repository};
 
 const MODEL: &str = "model craft {
   input stick [deg], flap [deg];
@@ -41,6 +41,19 @@ fn a_planned_run_gives_the_errors_that_were_promised() {
     let next = desk.json("design craft.fdm --data flown.csv --amplitude stick=2 --amplitude flap=5 --runs 1 --json -q");
     assert_eq!(next["steps"][0]["manoeuvre"]["input"], "flap");
     assert!(next["undetermined_now"][0]["sentence"].as_str().unwrap().contains("`Mflap`"));
+}
+
+/// An aircraft whose states are free flies where its last run began: at rest it has no air to fly in.
+#[test]
+fn the_next_run_begins_where_the_first_began() {
+    let desk = Desk::new();
+    let of = |name: &str| repository().join("models/flight_path").join(name).display().to_string();
+    let fit = ["fit", &of("joint.fdm"), &of("run.csv"), "--to=12", "--out=fit", "-q"];
+    assert!(desk.command_of(fit).output().unwrap().status.success());
+    let design = ["design", "--from-result=fit", "--data", &of("run.csv"), "--to=12", "--runs=1", "--json", "-q"];
+    let found: Value = serde_json::from_slice(&desk.command_of(design).output().unwrap().stdout).unwrap();
+    assert_eq!(found["lost"], serde_json::json!([]));
+    assert!(found["steps"][0]["bits"].as_f64().unwrap() > 1.0, "{}", found["steps"]);
 }
 
 #[test]

@@ -9,7 +9,7 @@ use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::time::{Duration, Instant};
-use support::{Desk, repository};
+use support::{Desk, Normal, repository};
 use tempfile::TempDir;
 
 /// Longer than a diagnosis takes beside other tests.
@@ -174,7 +174,7 @@ fn from_a_record_to_a_fit_by_clicks_in_a_browser() {
 }
 
 /// A flight whose record states degrees and has two accelerometers exchanged, and a model without damping in pitch, by clicks alone: the
-/// fault is found and repaired, what is missing is found, told from its rival by an experiment, accepted, undone in another window.
+/// fault is found and repaired, what is missing is found, accepted, the next run designed, all undone in another window.
 #[test]
 #[ignore = "needs Chromium"]
 fn a_newcomers_flight_is_repaired_fitted_extended_and_reported_by_clicks_in_a_browser() {
@@ -213,6 +213,10 @@ fn a_newcomers_flight_is_repaired_fitted_extended_and_reported_by_clicks_in_a_br
     window.step(3);
     window.click(".fit-view", "Fit");
     window.until("document.querySelector('.history li.at')?.textContent.startsWith('fit-2')");
+    window.step(4);
+    window.click(".missing-view", "Design the next run");
+    window.until("document.querySelector('.missing-view .plotted canvas')?.getAttribute('aria-label')?.includes('elevator [rad]')");
+    assert!(desk.text("results/design-1/run_1.csv").starts_with("t [s],elevator [rad]\n"));
     window.step(5);
     window.click(".report-view", "Write the page");
     window.until("!document.querySelector('.report-view pre').hidden");
@@ -250,7 +254,53 @@ fn in_degrees_and_exchanged() -> String {
     format!("{}\n{}\n", head.replace("rad", "deg"), rows.join("\n"))
 }
 
-/// Models by kind and from the record, two fits compared, what other tools get, and the next run.
+/// A delay and a lag that one record cannot tell apart: the experiment that would is drawn, and is a table.
+#[test]
+#[ignore = "needs Chromium"]
+fn causes_that_look_alike_are_told_apart_by_an_experiment_in_a_browser() {
+    let desk = Desk::new();
+    let servo = |drive: &str| {
+        format!(
+            "model servo {{
+  input stick [deg];
+  state y [deg], q [deg/s];
+  param omega = 2 in [0.1, 20] [rad/s], zeta = 0.5 in [0, 2] [1];
+  der(y) = q;
+  der(q) = omega^2*({drive} - y) - 2*zeta*omega*q;
+  output y_m [deg] = y;
+}}
+"
+        )
+    };
+    desk.write("servo.fdm", servo("stick"));
+    desk.write("truth.fdm", servo("delay(stick, 0.1)"));
+    let stick = |k: usize| if (20..60).contains(&k) { 5.0 } else { f64::from(u8::from((60..80).contains(&k))) * -5.0 };
+    let rows = (0..400).map(|k| format!("{:.2},{}\n", 0.05 * k as f64, stick(k)));
+    desk.write("sticks.csv", format!("t [s],stick [deg]\n{}", rows.collect::<String>()));
+    desk.good("simulate truth.fdm sticks.csv --output flown.csv -q");
+    let mut normal = Normal(5);
+    let row = |(k, line): (usize, &str)| {
+        let y: f64 = line.split(',').nth(1).unwrap().parse().unwrap();
+        format!("{:.2},{},{:.4}\n", 0.05 * k as f64, stick(k), y + 0.3 * normal.next())
+    };
+    let rows: String = desk.text("flown.csv").lines().skip(1).enumerate().map(row).collect();
+    desk.write("record.csv", format!("t [s],stick [deg],y_m [deg]\n{rows}"));
+    desk.write("fdm.toml", "model = \"servo.fdm\"\ndata = [\"record.csv\"]\n");
+    let mut window = Window::open(&desk);
+    window.step(4);
+    window.run("document.querySelectorAll('.missing-view input')[1].value = '--only input_delay,actuator_lag';");
+    window.click(".missing-view", "Find what is missing");
+    window.click(".card", "Design the experiment that tells them apart");
+    window.until(
+        "document.querySelector('.missing-view .plotted canvas')?.getAttribute('aria-label')?.includes('stick [deg]')",
+    );
+    let command = window.run("return document.querySelector('#command').textContent;");
+    assert_eq!(command, "fdm design --between=results/fit-1,results/fit-2 --runs=1 --records=results/design-1");
+    assert_eq!(desk.text("results/design-1/run_1.csv").lines().count(), 401);
+    assert!(window.complaints.is_empty(), "{:?}", window.complaints);
+}
+
+/// Models by kind and from the record, two fits compared, what other tools get, and what is told where there is no input to design.
 #[test]
 #[ignore = "needs Chromium"]
 fn models_are_begun_compared_and_handed_on_by_clicks_in_a_browser() {
@@ -272,7 +322,7 @@ fn models_are_begun_compared_and_handed_on_by_clicks_in_a_browser() {
     window.until("document.querySelector('.fit-view iframe').contentDocument?.querySelector('h1')?.textContent.includes('fit-1')");
     window.step(4);
     window.click(".missing-view", "Design the next run");
-    window.until("document.querySelector('#status').textContent");
+    window.until("document.querySelector('#status').textContent.includes('no input')");
     window.step(5);
     for (button, file) in [
         ("C", "fit-2.c"),
@@ -294,5 +344,8 @@ fn models_are_begun_compared_and_handed_on_by_clicks_in_a_browser() {
     window.click("details.new", "From the record");
     window.until("document.querySelector('.editor textarea').value.startsWith('// A first model of first.csv')");
     assert_eq!(desk.text("fdm.toml"), "model = \"second.fdm\"\ndata = [\"first.csv\"]\n");
+    // a window that opens on the model has its sliders, though nothing else happens in the folder
+    window.run("location.reload();");
+    window.until("document.querySelectorAll('.slider').length > 0");
     assert!(window.complaints.is_empty(), "{:?}", window.complaints);
 }

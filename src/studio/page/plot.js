@@ -73,18 +73,27 @@ export class Plot {
     return Object.fromEntries(["ink", "faint", "rule", "grid", "paper", "measured", "model", "residual", "input", "other", "bound", "bad", "reserved", "link"].map((n) => [n, of(n)]));
   }
 
-  size() {
-    const width = this.element.clientWidth;
-    return [width, MARGIN.top + this.rows.length * (this.height + GAP) + MARGIN.bottom - GAP];
+  // Pixels of a time, and back, by the width of the last drawing: asking the page for each sample would lay it out again.
+  x(t) { const [a, b] = this.view; return MARGIN.left + (t - a) / (b - a) * (this.width - MARGIN.left - MARGIN.right); }
+  t(x) { const [a, b] = this.view; return a + (x - MARGIN.left) / (this.width - MARGIN.left - MARGIN.right) * (b - a); }
+
+  // How much of the rows is seen, from how far down: by the element that scrolls them.
+  seen(whole) {
+    let port = this.element.parentElement;
+    while (port !== document.body && !/auto|scroll/.test(getComputedStyle(port).overflowY)) port = port.parentElement;
+    const box = port.getBoundingClientRect(), style = getComputedStyle(port), own = this.element.getBoundingClientRect().top;
+    const top = Math.max(own, box.top + parseFloat(style.paddingTop)), end = box.top + port.clientHeight - parseFloat(style.paddingBottom) - this.readout.offsetHeight;
+    return [Math.min(whole - (top - own), Math.max(120, end - top)), top - own];
   }
 
-  x(t) { const [width] = this.size(), [a, b] = this.view; return MARGIN.left + (t - a) / (b - a) * (width - MARGIN.left - MARGIN.right); }
-  t(x) { const [width] = this.size(), [a, b] = this.view; return a + (x - MARGIN.left) / (width - MARGIN.left - MARGIN.right) * (b - a); }
-
   paint() {
-    const [width, height] = this.size(), scale = devicePixelRatio || 1, own = this.canvas;
+    const width = this.element.clientWidth, whole = MARGIN.top + this.rows.length * (this.height + GAP) + MARGIN.bottom - GAP, scale = devicePixelRatio || 1, own = this.canvas;
     if (width < 50 || !this.view) return;
     const begun = performance.now();
+    this.width = width;
+    // what is out of sight costs nothing; scrolling draws it
+    const [height, above] = this.seen(whole);
+    this.element.style.gridTemplateRows = `${whole}px auto`;
     if (own.width !== Math.round(width * scale) || own.height !== Math.round(height * scale)) {
       own.width = Math.round(width * scale); own.height = Math.round(height * scale);
       own.style.width = `${width}px`; own.style.height = `${height}px`;
@@ -97,16 +106,14 @@ export class Plot {
     g.fillStyle = c.faint; g.textAlign = "center"; g.textBaseline = "top";
     for (const t of times) g.fillText(number(t, timeDigits), this.x(t), bottom + 6);
     g.textAlign = "right"; g.fillText(this.unit ?? "time [s]", right, bottom + 18);
-    // rows out of sight cost nothing; scrolling draws them
-    const above = own.getBoundingClientRect().top;
+    g.save(); g.beginPath(); g.rect(0, 0, width, bottom + 1); g.clip();
     this.rows.forEach((row, k) => {
-      const top = MARGIN.top + k * (this.height + GAP), end = top + this.height;
-      if (above + end < 0 || above + top - GAP > innerHeight) return;
+      const top = MARGIN.top + k * (this.height + GAP) - Math.round(above), end = top + this.height;
+      if (end < 0 || top - GAP > bottom) return;
       let [low, high] = this.range(row);
       if (!(high > low)) { const size = Math.abs(low) || 1; low = (Number.isFinite(low) ? low : 0) - 0.1 * size; high = low + 0.2 * size; }
       const pad = 0.06 * (high - low); low -= pad; high += pad;
       const y = (v) => end - (v - low) / (high - low) * this.height, [values, digits] = ticks(low, high, Math.max(2, this.height / 26));
-      row.place = { top, end, low, high };
       g.strokeStyle = c.grid; g.lineWidth = 1; g.beginPath();
       for (const t of times) { const x = Math.round(this.x(t)) + 0.5; g.moveTo(x, top); g.lineTo(x, end); }
       for (const v of values) { const at = Math.round(y(v)) + 0.5; g.moveTo(MARGIN.left, at); g.lineTo(right, at); }
@@ -128,11 +135,12 @@ export class Plot {
       g.textAlign = "left"; g.textBaseline = "bottom"; g.fillStyle = c.ink;
       g.fillText(row.title, MARGIN.left, top - 4);
     });
+    g.restore();
     if (this.hair !== null) {
       g.strokeStyle = c.faint; g.setLineDash([3, 3]); g.beginPath();
-      const x = Math.round(this.x(this.hair)) + 0.5; g.moveTo(x, MARGIN.top); g.lineTo(x, bottom); g.stroke(); g.setLineDash([]);
+      const x = Math.round(this.x(this.hair)) + 0.5; g.moveTo(x, 0); g.lineTo(x, bottom); g.stroke(); g.setLineDash([]);
     }
-    if (this.dragged) { g.globalAlpha = 0.15; g.fillStyle = c.link; g.fillRect(Math.min(...this.dragged), MARGIN.top, Math.abs(this.dragged[1] - this.dragged[0]), bottom - MARGIN.top); g.globalAlpha = 1; }
+    if (this.dragged) { g.globalAlpha = 0.15; g.fillStyle = c.link; g.fillRect(Math.min(...this.dragged), 0, Math.abs(this.dragged[1] - this.dragged[0]), bottom); g.globalAlpha = 1; }
     // milliseconds of a drawing, and how many there were, to be looked at
     own.dataset.took = (performance.now() - begun).toFixed(1);
     own.dataset.painted = 1 + Number(own.dataset.painted ?? 0);

@@ -192,7 +192,7 @@ export const record = () => {
 const KINDS = ["second-order", "kinetics", "short-period", "lateral", "aircraft-6dof", "helicopter-hover", "quadrotor-axis", "ship-mmg", "nomoto", "roll-decay", "servo", "cstr", "batch", "thermal"];
 
 export const model = () => {
-  let path = null, over = null, pending = false, stamp = null, told = null, values = {}, at = 0;
+  let path = null, over = null, pending = false, stamp = null, told = null, values = {}, at = 0, opening = false;
   const editor = new Editor(() => { pending = true; saved.textContent = "…"; save(); check(); });
   const equations = h("div.equations", { "aria-label": "equations", "aria-live": "off" }), list = h("ul#findings.found", { "aria-live": "polite" }), saved = h("span.note"), sliders = h("div.sliders"), faults = h("p.warning");
   const plot = new Plot({ label: "measurement and response", height: 150 });
@@ -225,7 +225,8 @@ export const model = () => {
     editor.value = now.text;
     saved.textContent = "saved";
     tell("fdm check", shell(to));
-    await check();
+    check();
+    if (store.state) update();
   });
   const write_now = latest(async () => {
     if (!pending || !path) return;
@@ -281,7 +282,7 @@ export const model = () => {
   const follow = latest(() => respond(false));
   const settle = latest(() => respond(true));
   const move = () => {
-    sliders.replaceChildren(...told.params.map((p) => {
+    sliders.replaceChildren(...[...told.params].sort((a, b) => a.fixed - b.fixed).map((p) => {
       const now = () => values[p.name] ?? p.value;
       const reach = Math.abs(now()) || (p.upper !== null && p.lower !== null ? (p.upper - p.lower) / 4 : 1);
       const low = Math.max(p.lower ?? -Infinity, now() - 2 * reach), high = Math.min(p.upper ?? Infinity, now() + 2 * reach);
@@ -314,7 +315,11 @@ export const model = () => {
     if (!models.length !== update.none) fresh.open = update.none = !models.length;
     const now = models.find((f) => f.path === path);
     const wanted = project().model ?? models[0]?.path;
-    if (!path && wanted && models.some((f) => f.path === wanted)) { if (!project().model) attempt(() => set("model", wanted)); open(wanted); return; }
+    if (!path) {
+      // what it shows follows once it is open
+      if (wanted && !opening && models.some((f) => f.path === wanted)) { opening = true; if (!project().model) attempt(() => set("model", wanted)); open(wanted).finally(() => { opening = false; }); }
+      return;
+    }
     // another window or another program has written it
     if (now && now.stamp !== stamp && !pending) { stamp = now.stamp; attempt(async () => { const text = await read("text", { path }); if (text.fingerprint !== over) await open(path); }); }
     const key = JSON.stringify([project(), path, now?.stamp, store.files("record").map((f) => f.stamp)]);
