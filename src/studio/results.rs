@@ -24,7 +24,7 @@ pub(crate) struct Seen {
     /// The fingerprint of the model's text.
     text: Option<String>,
     parameters: Vec<Parameter>,
-    /// Root mean square of the residuals of each output of each run.
+    /// Root mean square of the residuals of each output of each run, validation behind.
     errors: Vec<OutputError>,
 }
 
@@ -43,6 +43,8 @@ struct OutputError {
     run: String,
     rms: Option<f64>,
     unit: Option<String>,
+    /// Of a run that was predicted, not fitted.
+    validation: bool,
 }
 
 /// What changed from one result to another.
@@ -106,11 +108,14 @@ fn read(place: &Path, file: &Listed) -> Seen {
         error: p.corrected_error.or(p.standard_error),
         unit: p.unit.clone(),
     });
-    let errors = folder.quality().iter().map(|q| OutputError {
+    let predicted = folder.result().fit().and_then(|fit| fit.validation_runs.as_ref());
+    let predicted = predicted.into_iter().flat_map(|runs| &runs.outputs).map(|q| (q, true));
+    let errors = folder.quality().iter().map(|q| (q, false)).chain(predicted).map(|(q, validation)| OutputError {
         output: q.name.clone(),
         run: q.run.clone(),
         rms: q.rms,
         unit: q.unit.clone(),
+        validation,
     });
     let command = folder.manifest().command.clone();
     Seen { command, parameters: parameters.collect(), errors: errors.collect(), ..seen }

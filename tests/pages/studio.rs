@@ -125,6 +125,19 @@ impl Window {
         self.run(&format!("{found}.click();"));
     }
 
+    /// Drags over a part of the record, from and to shares of its width.
+    fn drag(&mut self, from: f64, to: f64) {
+        self.run("document.querySelector('.record-view canvas').scrollIntoView({ block: 'center' });");
+        // between the margins of the plot
+        let place = "const r = document.querySelector('.record-view canvas').getBoundingClientRect(); return [r.left + 64, r.width - 76, r.top + 60];";
+        let place = self.run(place);
+        let [left, width, y] = [0, 1, 2].map(|k| place[k].as_f64().unwrap());
+        for (kind, share, held) in [("mousePressed", from, 1), ("mouseMoved", to, 1), ("mouseReleased", to, 0)] {
+            let mouse = json!({ "type": kind, "x": left + share * width, "y": y, "button": "left", "buttons": held, "clickCount": 1 });
+            self.call("Input.dispatchMouseEvent", mouse);
+        }
+    }
+
     /// Chooses files, as by the dialog of the browser.
     fn choose(&mut self, files: &[&Path]) {
         self.until("document.querySelector('input[type=file]')");
@@ -142,6 +155,61 @@ fn tanker() -> Desk {
     }
     desk.write("fdm.toml", "model = \"linear.fdm\"\ndata = [\"run.csv\"]\n\n[options]\nevery = 8\n");
     desk
+}
+
+/// The road of the guide on the tanker by clicks alone: record, segments to fit and to validate, model, fit, what is missing, accepted, fitted
+/// and validated, reported. The command that the window names gives the same bits.
+#[test]
+#[ignore = "needs Chromium"]
+fn the_tankers_road_by_clicks_in_a_browser() {
+    let from = repository().join("models/ship_roll_decay");
+    let desk = Desk::new();
+    let mut window = Window::open(&desk);
+    window.choose(&[&from.join("linear.fdm"), &from.join("run.csv")]);
+    window.until("document.querySelector('.record-view canvas')?.getAttribute('aria-label')?.includes('roll')");
+    window.click(".record-view", "Choose a segment");
+    for (k, (share, button)) in [((0.0, 0.6), "Fit it"), ((0.6, 1.0), "Validate with it")].into_iter().enumerate() {
+        window.drag(share.0, share.1);
+        window.click(".segment", button);
+        // a run stands in the list once the table of runs has it
+        window.until(&format!(
+            "document.querySelectorAll('.record-view aside .files button[aria-label^=take]').length === {}",
+            k + 1
+        ));
+    }
+    assert!(desk.text("runs.csv").contains("run.csv,run_2,validation"), "{}", desk.text("runs.csv"));
+    window.step(2);
+    window.until("document.querySelectorAll('.slider').length === 5");
+    window.step(3);
+    window.run("document.querySelectorAll('.fit-view .tools input')[2].value = '--every 16';");
+    window.click(".fit-view", "Fit");
+    window.until("document.querySelectorAll('.history li .says').length === 1");
+    window.step(4);
+    window.run(
+        "const i = document.querySelectorAll('.missing-view input'); i[0].value = '900s'; i[1].value = '--every 16';",
+    );
+    window.click(".missing-view", "Find what is missing");
+    window.until("document.querySelector('.card article code')");
+    window.click(".card", "Accept all of it");
+    window.until("[...document.querySelectorAll('.missing-view button')].some((b) => b.textContent === 'Undo')");
+    window.step(3);
+    window.click(".fit-view", "Fit");
+    window.until("document.querySelectorAll('.history li .says').length === 2");
+    // less than half of the errors are left, in the run that was not fitted too
+    let errors = window.run("return [...document.querySelectorAll('.history li .note')].map((n) => n.textContent).filter((t) => t.includes('RMS'));");
+    let left = |k: usize| errors[k].as_str().unwrap().split(' ').find_map(|word| word.parse::<f64>().ok()).unwrap();
+    assert!(errors[1].as_str().unwrap().starts_with("validation") && errors.as_array().unwrap().len() == 4, "{errors}");
+    assert!(left(0) < 0.5 * left(2) && left(1) < 0.5 * left(3), "{errors}");
+    window.until("document.querySelector('.history li.at')?.textContent.startsWith('fit-2')");
+    let command = window.run("return document.querySelector('#command').textContent;");
+    let command = command.as_str().unwrap().strip_prefix("fdm ").unwrap().replace("results/fit-2", "again");
+    desk.good(&format!("{command} -q --no-project"));
+    assert_eq!(desk.text("again/result.json"), desk.text("results/fit-2/result.json"));
+    window.step(5);
+    window.click(".report-view", "Write the page");
+    window.until("!document.querySelector('.report-view pre').hidden");
+    assert!(desk.text("results/fit-2/report.html").contains("<h1>roll_decay_linear</h1>"));
+    assert!(window.complaints.is_empty(), "{:?}", window.complaints);
 }
 
 #[test]

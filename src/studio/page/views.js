@@ -170,7 +170,7 @@ export const record = () => {
   };
   const update = (state) => {
     const records = store.files("record").filter((f) => f.path !== project().runs && !/^results\//.test(f.path));
-    const key = JSON.stringify([records, project(), path]);
+    const key = JSON.stringify([records, project(), path, state.files.find((f) => f.path === project().runs)?.stamp]);
     if (files.dataset.key === key) return;
     files.dataset.key = key;
     files.replaceChildren(...records.map((f) => h("li", { class: f.path === path ? "at" : "" }, button(f.path, () => open(f.path), { class: "plain", title: bytes(f.bytes) }),
@@ -338,7 +338,7 @@ const worker = (label, verb, asked, ended) => {
   }), { class: "first" });
   const end = button("Stop, keep the best", () => stop(id), { hidden: true });
   const seen = (job) => {
-    if (job.cost !== null && costs.at(-1)?.[0] !== job.iteration) { if (job.iteration === 0) costs = []; costs.push([job.iteration, job.cost]); }
+    if (job.cost !== null && costs.at(-1)?.[0] !== job.iteration) { if (job.iteration < costs.at(-1)?.[0]) costs = []; costs.push([job.iteration, job.cost]); }
     text.textContent = job.ended ? (job.ended.kept ? `${job.place}, ${job.ended.took}` : job.ended.text) : `${job.stopped ? "stopping: " : ""}${job.doing}`;
     text.classList.toggle("warning", Boolean(job.ended && !job.ended.kept));
     numbers.textContent = job.ended ? "" : job.values.slice(0, 8).map(([n, v]) => `${n} ${shown(v, 4)}`).join("   ");
@@ -358,6 +358,9 @@ const worker = (label, verb, asked, ended) => {
 };
 
 // ---- 3 fit
+
+// Of a fit in a line, and of its validation in another.
+const errors = (all, what) => all.length ? h("p.note", {}, `${what}RMS ${all.slice(0, 4).map((e) => `${e.output}${all.some((o) => o.run !== e.run) ? ` (${e.run})` : ""} ${shown(e.rms, 3)} ${e.unit ?? ""}`).join(", ")}${all.length > 4 ? ", …" : ""}`) : "";
 
 export const fit = (models) => {
   let own = null;
@@ -386,7 +389,7 @@ export const fit = (models) => {
         changed.replaceChildren(changed.firstChild, c.model ? diff(c.model) : "", ...c.others.map((o) => h("p.note", {}, o)), c.model || c.others.length ? "" : h("p.note", {}, "nothing"));
       }), { once: true });
       return h("li", { class: r.path === own ? "at" : "" }, h("div.tools", {}, h("input", { type: "checkbox", "aria-label": `compare ${r.path}`, checked: compared.has(r.path), change: (e) => { e.target.checked ? compared.add(r.path) : compared.delete(r.path); compare.disabled = compared.size !== 2; } }), button(r.path.replace(/^results\//, ""), () => { own = r.path; update(store.state); }, { class: "plain" })),
-        h("p.note", {}, `RMS ${r.errors.slice(0, 4).map((e) => `${e.output}${r.errors.some((o) => o.run !== e.run) ? ` (${e.run})` : ""} ${shown(e.rms, 3)} ${e.unit ?? ""}`).join(", ")}${r.errors.length > 4 ? ", …" : ""}`), h("p.says", {}, r.says), changed, text && r.text !== text ? back(models, r) : "");
+        [false, true].map((validation) => errors(r.errors.filter((e) => e.validation === validation), validation ? "validation " : "")), h("p.says", {}, r.says), changed, text && r.text !== text ? back(models, r) : "");
     }));
     const seen = fits.find((r) => r.path === own);
     if (seen) { point(page, result(seen)); tell(...(seen.command.length ? seen.command.map((w, k) => (k ? shell(w) : "fdm")) : ["fdm fit"])); }
@@ -434,7 +437,7 @@ export const missing = (models) => {
     const text = d.causes.length ? await get("document", { path: seen.path, name: "extended.diff" }).then((a) => a.text()).catch(() => null) : null;
     card.replaceChildren(h("h2", {}, seen.says),
       h("div.causes", {}, d.causes.map((c) => h("article", {}, h("h3", {}, c.doc), h("p", {}, h("code", {}, place(c))), h("p", {}, c.parameters.map((p) => `${p.name} = ${shown(p.value)}${p.standard_error ? ` ± ${shown(p.standard_error, 2)}` : ""} ${p.unit ?? ""}`).join(", ")),
-        h("p.note", {}, `probability ${c.probability > 0.99 ? "above 0.99" : shown(c.probability, 2)}; without it alone ${shown(c.loss, 4)} nats are lost`),
+        h("p.note", {}, `${c.group.length ? `probability ${shown(c.probability, 2)}; ` : ""}without it alone ${shown(c.loss, 4)} nats are lost`),
         c.group.length ? h("p.note", {}, `These records cannot tell it from ${c.group.map((o) => `${place(o)} (${shown(o.probability, 2)})`).join(", ")}.`) : "",
         h("div.tools", {}, button("Accept this alone", () => accept({ effect: place(c) }, ["fdm extend", shell(models.editor().path), `--effect=${shell(place(c))}`])),
           c.group.length ? button("Design the experiment that tells them apart", () => separate(c), { title: c.separating_experiment }) : "")))),
