@@ -38,6 +38,8 @@ mod project;
 mod regress;
 mod reproduce;
 mod sample;
+#[cfg(feature = "studio")]
+mod serve;
 mod show;
 mod simulate;
 mod spectra;

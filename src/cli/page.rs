@@ -2,16 +2,12 @@
 //! machine, also while a fit or a study works on it.
 
 use crate::deliver::write;
-use crate::failure::{Ending, Failure, OrFailure, aside, did_you_mean, ended, print, print_data, print_lines, remark};
+use crate::failure::{Ending, Failure, OrFailure, did_you_mean, ended, print, print_data, print_lines};
 use crate::ownership::{Kind, Overwriting, refuse_foreign};
 use clap::Args;
 use fdm_report::page::{Paper, Subject, drawings, page};
-use fdm_results::store::{ProgressFile, fingerprint, manifest_text, reason, whole_files};
-use std::fs;
-use std::io::{BufRead, BufReader, Read, Write};
-use std::net::{Ipv4Addr, TcpListener, TcpStream};
+use fdm_results::store::whole_files;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, SystemTime};
 
 /// What `fdm report` takes.
 #[derive(Debug, Args)]
@@ -118,128 +114,13 @@ pub(crate) struct Serve {
     port: u16,
 }
 
-/// A request of more bytes than this is none of a browser's.
-const MOST_BYTES: u64 = 16 << 10;
-/// Whoever says nothing for so long is not waited for.
-const TIMEOUT: Duration = Duration::from_secs(5);
-/// Work tells of itself every second or so; after this time without a word it is said that it does not.
-const SILENCE: f64 = 20.0;
-/// Holds the page in a frame and asks every second whether it has changed. A page of work that goes on is changed where it stands, so
-/// that whoever reads in it stays at his place.
-const WATCH: &str = "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">
-<title>fdm serve</title><link rel=\"icon\" href=\"data:,\">
-<style>html, body { margin: 0; height: 100%; } iframe { border: 0; width: 100%; height: 100%; display: block; }</style>
-<iframe id=\"page\" src=\"/page\" title=\"the result\"></iframe>
-<script>
-let known = null;
-const inside = () => document.getElementById(\"page\");
-const changed = async () => {
-  const page = new DOMParser().parseFromString(await (await fetch(\"/page\")).text(), \"text/html\");
-  const shown = inside().contentDocument;
-  for (const part of [\"header .verdict\", \"nav\", \"main\"]) shown.querySelector(part).replaceWith(shown.adoptNode(page.querySelector(part)));
-};
-setInterval(async () => {
-  try {
-    const now = await (await fetch(\"/state\")).text();
-    if (known !== null && now !== known) {
-      if (known.startsWith(\"work \") && now.startsWith(\"work \")) await changed();
-      else inside().contentWindow.location.reload();
-    }
-    known = now;
-  } catch { document.title = \"fdm serve has ended\"; }
-}, 1000);
-</script></html>
-";
-
 pub(crate) fn serve(arguments: &Serve) -> Ending {
-    let refused = |e| Failure::input([format!("port {} of this machine: {}", arguments.port, reason(&e))]);
-    // nobody but this machine is listened to
-    let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, arguments.port)).map_err(refused)?;
-    let address = listener.local_addr().map_err(refused)?;
-    print_lines(&format!("http://{address}/\n"));
-    if !arguments.folder.is_dir() {
-        remark(format_args!("note: {} does not exist yet; the page waits for it", arguments.folder.display()));
-    }
-    aside(format_args!("serving {}; Ctrl-C ends it", arguments.folder.display()));
-    for stream in listener.incoming().flatten() {
-        let (folder, own) = (arguments.folder.clone(), address.to_string());
-        // a browser that goes away in the middle is no matter
-        std::thread::spawn(move || _ = answer(stream, &folder, &own));
-    }
-    ended(true)
-}
-
-fn answer(mut stream: TcpStream, folder: &Path, own: &str) -> std::io::Result<()> {
-    stream.set_read_timeout(Some(TIMEOUT))?;
-    stream.set_write_timeout(Some(TIMEOUT))?;
-    let mut lines = BufReader::new((&stream).take(MOST_BYTES)).lines();
-    let request = lines.next().unwrap_or(Ok(String::new()))?;
-    let mut host = String::new();
-    for line in lines {
-        let line = line?;
-        if line.is_empty() {
-            break;
-        }
-        if let Some((name, value)) = line.split_once(':').filter(|(name, _)| name.eq_ignore_ascii_case("host")) {
-            host = if name.is_empty() { String::new() } else { value.trim().to_string() };
-        }
-    }
-    let port = own.rsplit(':').next().unwrap_or_default();
-    // a page from elsewhere that leads its own name to this machine asks under that name
-    let ours = host == own || host == format!("localhost:{port}");
-    let (status, kind, body) = match request.split(' ').collect::<Vec<_>>()[..] {
-        ["GET", _, _] if !ours => ("403 Forbidden", "text/plain", "this page is for this machine only\n".into()),
-        ["GET", "/", _] => ("200 OK", "text/html", WATCH.to_string()),
-        ["GET", "/page", _] => ("200 OK", "text/html", shown(folder)),
-        ["GET", "/state", _] => ("200 OK", "text/plain", state(folder)),
-        ["GET", _, _] => ("404 Not Found", "text/plain", "there is nothing here\n".into()),
-        _ => ("405 Method Not Allowed", "text/plain", "only GET is supported\n".into()),
-    };
-    let head = format!(
-        "HTTP/1.1 {status}\r\nContent-Type: {kind}; charset=utf-8\r\nContent-Length: {}\r\nCache-Control: no-store\r\nX-Content-Type-Options: nosniff\r\nConnection: close\r\n\r\n",
-        body.len()
-    );
-    stream.write_all(head.as_bytes())?;
-    stream.write_all(body.as_bytes())
-}
-
-/// What is told of work that goes on, with the seconds since then where they are too many. What a program that died left behind
-/// says nothing where a result stands.
-fn work(folder: &Path) -> Option<(String, Option<f64>)> {
-    let file = ProgressFile::of(folder);
-    let text = file.read()?;
-    let told = fs::metadata(file.path()).and_then(|m| m.modified()).ok()?;
-    let age = SystemTime::now().duration_since(told).map_or(0.0, |d| d.as_secs_f64());
-    let silent = (age > SILENCE).then_some(age);
-    (silent.is_none() || manifest_text(folder).is_none()).then_some((text, silent))
-}
-
-/// The page, or why there is none yet.
-fn shown(folder: &Path) -> String {
-    // what cannot be read is of another version of the program, whose result will tell
-    let at_work = work(folder).and_then(|(text, silent)| Subject::from_progress(&text, silent).ok());
-    let subject = at_work.map_or_else(
-        || {
-            let files = whole_files(folder).map_err(|e| e.to_string());
-            files.and_then(|files| Subject::from_files(&files).map_err(|e| e.to_string()))
-        },
-        Ok,
-    );
-    match subject {
-        Ok(subject) => page(&subject),
-        Err(why) => {
-            let why = why.replace('&', "&amp;").replace('<', "&lt;");
-            format!("<!doctype html><meta charset=\"utf-8\"><title>no result yet</title><p>No result yet: {why}</p>\n")
-        }
-    }
-}
-
-/// Changes when the page does.
-fn state(folder: &Path) -> String {
-    match work(folder) {
-        Some((text, None)) => format!("work {}", fingerprint(text.as_bytes())),
-        // the seconds go on
-        Some((_, Some(silent))) => format!("silent {silent:.0}"),
-        None => manifest_text(folder).map_or_else(|| "none".into(), |text| fingerprint(text.as_bytes())),
-    }
+    #[cfg(feature = "studio")]
+    return crate::serve::serve(arguments.folder.clone(), arguments.port);
+    #[cfg(not(feature = "studio"))]
+    Err(Failure::input([format!(
+        "{} at port {}: this build of fdm serves no pages: build it with `--features studio`",
+        arguments.folder.display(),
+        arguments.port
+    )]))
 }

@@ -1,7 +1,10 @@
 //! Requests of a browser, and answers to them: HTTP/1.1, a connection for each. `httparse` reads heads; bodies have a length and a limit.
 
+use fdm_session::Failure;
 use std::io::{self, Read, Write};
-use std::net::TcpStream;
+use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 /// A head of more bytes than this is none of a browser's.
@@ -12,6 +15,63 @@ const MOST_HEADERS: usize = 64;
 const TIMEOUT: Duration = Duration::from_secs(10);
 /// A head that takes longer than this is not waited for.
 const HEAD_TIME: Duration = Duration::from_secs(10);
+
+/// Connections that are answered at once: a window holds one for events, and asks by a few others.
+const MOST_CONNECTIONS: usize = 64;
+/// Bytes of a body that is read only so that a refusal is not lost.
+const MOST_REFUSED: u64 = 8 << 20;
+
+/// What listens to this machine alone.
+pub(crate) struct Listener {
+    listener: TcpListener,
+    pub(crate) address: SocketAddr,
+}
+
+impl Listener {
+    /// Listens on a port; 0 is any that is free.
+    pub(crate) fn bind(port: u16) -> Result<Self, Failure> {
+        let refused = |e| Failure::input([format!("port {port} of this machine: {}", fdm_results::store::reason(&e))]);
+        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port)).map_err(refused)?;
+        let address = listener.local_addr().map_err(refused)?;
+        Ok(Self { listener, address })
+    }
+
+    /// Answers until the program ends, each request in a thread; where nothing is answered, it has been already. A browser that goes away
+    /// in the middle is no matter.
+    pub(crate) fn run<A>(&self, answer: A)
+    where
+        A: Fn(Request, &mut TcpStream) -> Result<Option<Answer>, Refusal> + Send + Sync + 'static,
+    {
+        let (open, answer, own) = (Arc::new(AtomicUsize::new(0)), Arc::new(answer), self.address);
+        for mut stream in self.listener.incoming().flatten() {
+            let (answer, count) = (Arc::clone(&answer), Arc::clone(&open));
+            if open.fetch_add(1, Ordering::Relaxed) >= MOST_CONNECTIONS {
+                open.fetch_sub(1, Ordering::Relaxed);
+                continue;
+            }
+            let answered = std::thread::Builder::new().name("request".into()).spawn(move || {
+                let found = Request::read(&mut stream).and_then(|request| {
+                    request.admit(own)?;
+                    answer(request, &mut stream)
+                });
+                match found {
+                    Ok(Some(answer)) => _ = answer.send(&mut stream),
+                    Ok(None) => {}
+                    Err(refusal) => {
+                        let _ = Answer::refused(&refusal).send(&mut stream);
+                        // what still comes is taken, so that the refusal is not lost with a reset connection
+                        let _ = stream.shutdown(std::net::Shutdown::Write);
+                        let _ = io::copy(&mut Read::take(&mut stream, MOST_REFUSED), &mut io::sink());
+                    }
+                }
+                count.fetch_sub(1, Ordering::Relaxed);
+            });
+            if answered.is_err() {
+                open.fetch_sub(1, Ordering::Relaxed);
+            }
+        }
+    }
+}
 
 /// What is asked for.
 #[derive(Debug, Default)]
@@ -84,8 +144,8 @@ impl Refusal {
     }
 }
 
-impl From<fdm_session::Failure> for Refusal {
-    fn from(e: fdm_session::Failure) -> Self {
+impl From<Failure> for Refusal {
+    fn from(e: Failure) -> Self {
         Self::wrong(e.to_string())
     }
 }
@@ -161,6 +221,25 @@ impl Request {
                 Err(e) => return Err(Refusal::wrong(format!("this is no request: {e}"))),
             }
         }
+    }
+
+    /// Lets a request in that comes from this machine's own page.
+    fn admit(&self, own: SocketAddr) -> Result<(), Refusal> {
+        let forbidden = |said: &str| Err(Refusal::new(Status::Forbidden, said));
+        let own = [own.to_string(), format!("localhost:{}", own.port())];
+        // a page from elsewhere that leads its own name to this machine asks under that name
+        if !self.header("host").is_some_and(|host| own.iter().any(|o| o == host)) {
+            return forbidden("this address is for this machine only");
+        }
+        let ours = |origin: &str| own.iter().any(|o| origin.strip_prefix("http://") == Some(o));
+        if self.has("origin") && !self.header("origin").is_some_and(ours) {
+            return forbidden("pages from elsewhere are not answered");
+        }
+        let site = self.header("sec-fetch-site").unwrap_or("none");
+        if !["none", "same-origin"].contains(&site) {
+            return forbidden("pages from elsewhere are not answered");
+        }
+        Ok(())
     }
 
     fn of(parsed: &httparse::Request<'_, '_>) -> Result<Self, Refusal> {

@@ -17,11 +17,10 @@ mod tests;
 use fdm_session::Failure;
 use fdm_session::failure::OrFailure;
 use folder::Folder;
-use http::{Answer, Refusal, Request, Status};
+use http::{Answer, Listener, Refusal, Request, Status};
 use serde::Serialize;
-use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 
 /// Words of a command, its name in front, with what the project file adds.
@@ -92,12 +91,10 @@ pub(crate) struct Studio {
 
 /// A server that listens.
 pub struct Server {
-    listener: TcpListener,
+    listener: Listener,
     studio: Arc<Studio>,
 }
 
-/// Connections that are answered at once: a window holds one for events, and asks by a few others.
-const MOST_CONNECTIONS: usize = 64;
 /// Bytes of a token.
 const TOKEN: usize = 16;
 /// Bytes of what is told in JSON.
@@ -112,9 +109,7 @@ impl Server {
     /// [`Failure::Input`], for no folder, and a port that is taken.
     pub fn bind(folder: &Path, port: u16, doors: Doors) -> Result<Self, Failure> {
         let own = Folder::open(folder).map_err(|e| Failure::input([e.said]))?;
-        let refused = |e| Failure::input([format!("port {port} of this machine: {}", fdm_results::store::reason(&e))]);
-        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port)).map_err(refused)?;
-        let address = listener.local_addr().map_err(refused)?;
+        let listener = Listener::bind(port)?;
         let mut random = [0_u8; TOKEN];
         getrandom::fill(&mut random).or_failure()?;
         let token = random.iter().map(|byte| format!("{byte:02x}")).collect();
@@ -122,7 +117,7 @@ impl Server {
             folder: own,
             doors,
             token,
-            address,
+            address: listener.address,
             jobs: jobs::Jobs::default(),
             live: live::Live::default(),
             results: results::Results::default(),
@@ -139,71 +134,55 @@ impl Server {
 
     /// Answers until the program ends.
     pub fn run(&self) {
-        let open = Arc::new(AtomicUsize::new(0));
-        for stream in self.listener.incoming().flatten() {
-            let (studio, open) = (Arc::clone(&self.studio), Arc::clone(&open));
-            if open.fetch_add(1, Ordering::Relaxed) >= MOST_CONNECTIONS {
-                open.fetch_sub(1, Ordering::Relaxed);
-                continue;
+        let studio = Arc::clone(&self.studio);
+        self.listener.run(move |mut request, stream| {
+            studio.admit(&mut request)?;
+            if request.method == "POST" {
+                let most = if request.path == ["drop"] { MOST_DROPPED } else { MOST_TOLD };
+                request.read_body(stream, most)?;
             }
-            let answered = std::thread::Builder::new().name("request".into()).spawn({
-                let open = Arc::clone(&open);
-                move || {
-                    answer(&studio, stream);
-                    open.fetch_sub(1, Ordering::Relaxed);
-                }
-            });
-            if answered.is_err() {
-                open.fetch_sub(1, Ordering::Relaxed);
-            }
-        }
+            routes::answer(&studio, &request, stream)
+        });
     }
 }
 
-/// Answers one request; a browser that goes away in the middle is no matter.
-fn answer(studio: &Arc<Studio>, mut stream: TcpStream) {
-    let answer = Request::read(&mut stream).and_then(|mut request| {
-        studio.admit(&mut request)?;
-        if request.method == "POST" {
-            let most = if request.path == ["drop"] { MOST_DROPPED } else { MOST_TOLD };
-            request.read_body(&mut stream, most)?;
-        }
-        routes::answer(studio, &request, &mut stream)
-    });
-    match answer {
-        Ok(Some(answer)) => _ = answer.send(&mut stream),
-        Ok(None) => {}
-        Err(refusal) => {
-            let _ = Answer::refused(&refusal).send(&mut stream);
-            // what still comes is taken, so that the refusal is not lost with a reset connection
-            let _ = stream.shutdown(std::net::Shutdown::Write);
-            let _ = std::io::copy(&mut std::io::Read::take(&mut stream, MOST_TOLD), &mut std::io::sink());
-        }
+/// Pages for browsers of this machine, which anybody on it may read.
+pub struct Pages(Listener);
+
+impl Pages {
+    /// Listens on a port of this machine; 0 is any that is free.
+    ///
+    /// # Errors
+    /// [`Failure::Input`], for a port that is taken.
+    pub fn bind(port: u16) -> Result<Self, Failure> {
+        Listener::bind(port).map(Self)
+    }
+
+    /// The address for a browser.
+    pub fn address(&self) -> String {
+        format!("http://{}/", self.0.address)
+    }
+
+    /// Answers until the program ends; `page` gives what stands at a path without its first `/`, its kind in front.
+    pub fn run(&self, page: impl Fn(&str) -> Option<(&'static str, String)> + Send + Sync + 'static) {
+        self.0.run(move |request, _| match request.method.as_str() {
+            "GET" => {
+                let found = page(&request.path.join("/")).map(|(kind, text)| Some(Answer::of(kind, text)));
+                found.ok_or_else(|| Refusal::new(Status::NotFound, "there is nothing here"))
+            }
+            _ => Err(Refusal::new(Status::Method, "only GET is supported")),
+        });
     }
 }
 
 impl Studio {
-    /// Lets a request in: from this machine's own page, with the token, which is taken off its path.
+    /// Lets a request in that has the token, which is taken off its path.
     fn admit(&self, request: &mut Request) -> Result<(), Refusal> {
-        let forbidden = |said: &str| Err(Refusal::new(Status::Forbidden, said));
-        let port = self.address.port();
-        let own = [self.address.to_string(), format!("localhost:{port}")];
-        // a page from elsewhere that leads its own name to this machine asks under that name
-        if !request.header("host").is_some_and(|host| own.iter().any(|o| o == host)) {
-            return forbidden("this address is for this machine only");
-        }
-        let ours = |origin: &str| own.iter().any(|o| origin.strip_prefix("http://") == Some(o));
-        if request.has("origin") && !request.header("origin").is_some_and(ours) {
-            return forbidden("pages from elsewhere are not answered");
-        }
-        let site = request.header("sec-fetch-site").unwrap_or("none");
-        if !["none", "same-origin"].contains(&site) {
-            return forbidden("pages from elsewhere are not answered");
-        }
         let token = if request.path.is_empty() { String::new() } else { request.path.remove(0) };
         let differs = token.bytes().zip(self.token.bytes()).fold(0, |sum, (a, b)| sum | (a ^ b));
         if token.len() != self.token.len() || differs != 0 {
-            return forbidden("the address lacks its token: take the whole address that `fdm studio` printed");
+            let said = "the address lacks its token: take the whole address that `fdm studio` printed";
+            return Err(Refusal::new(Status::Forbidden, said));
         }
         Ok(())
     }
