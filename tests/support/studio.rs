@@ -19,7 +19,9 @@ const MODEL: &str = "model decay {
 ";
 /// A record long enough to be torn.
 const ROWS: usize = 4000;
-/// Longer than a round of clicks takes.
+/// Records that are dropped in a round.
+const DROPPED: usize = 8;
+/// The latest moment of a kill: clicks go on until it comes.
 const ROUND: Duration = Duration::from_millis(400);
 
 /// The program at work.
@@ -100,7 +102,7 @@ pub fn kills(count: usize, seed: u64) -> usize {
             clicks.join().unwrap()
         });
         studio.child.wait().unwrap();
-        killed += usize::from(!last.done);
+        killed += usize::from(last.next != now);
         let context = format!("a kill after {moment:.1?} (round {round})");
         let found = desk.text("decay.fdm");
         now = [last.next, last.written].into_iter().find(|n| text(*n) == found).unwrap_or_else(|| {
@@ -132,19 +134,17 @@ struct Came {
     /// The text that was answered for, and that which was asked for last.
     written: usize,
     next: usize,
-    /// Whether all were answered.
-    done: bool,
 }
 
 fn clicks(studio: &Address, (before, round): (usize, usize), dropped: &mut Vec<String>) -> Came {
-    let mut came = Came { written: before, next: before, done: false };
+    let mut came = Came { written: before, next: before };
     let mut over = fdm_results::store::fingerprint(text(before).as_bytes());
     let fit = br#"{ "verb": "fit", "words": [] }"#;
     if studio.post("work", fit).is_none() {
         return came;
     }
-    for k in 0..8 {
-        came.next = 100 * round + k;
+    for k in 0.. {
+        came.next = 10_000 * round + k;
         let body = serde_json::json!({ "path": "decay.fdm", "text": text(came.next), "over": over }).to_string();
         let Some(answer) = studio.post("text", body.as_bytes()) else { return came };
         (came.written, over) = (came.next, serde_json::from_str(&answer).unwrap());
@@ -154,11 +154,14 @@ fn clicks(studio: &Address, (before, round): (usize, usize), dropped: &mut Vec<S
             return came;
         }
         let name = format!("dropped_{round}_{k}.csv");
+        // some are enough: each stays in the folder
+        if k >= DROPPED {
+            continue;
+        }
         if studio.post(&format!("drop?name={name}"), record().as_bytes()).is_none() {
             return came;
         }
         dropped.push(name);
     }
-    came.done = true;
     came
 }
