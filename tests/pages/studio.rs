@@ -236,6 +236,13 @@ fn from_a_record_to_a_fit_by_clicks_in_a_browser() {
     assert!(desk.path("results/fit-1/result.json").is_file());
     let unnamed = window.run("return [...document.querySelectorAll('button, input, select, textarea, iframe')].filter((e) => !(e.textContent.trim() || e.getAttribute('aria-label') || e.title || e.closest('label') || e.hidden)).map((e) => e.outerHTML);");
     assert_eq!(unnamed, json!([]), "what a screen reader has no name for");
+    window.step(2);
+    // what was typed stands in the file though the browser dies right afterwards
+    window.run("const a = document.querySelector('.editor textarea'); a.focus(); a.setSelectionRange(0, 0); document.execCommand('insertText', false, '// the last word\\n');");
+    std::thread::sleep(Duration::from_millis(100));
+    window.browser.kill().unwrap();
+    std::thread::sleep(Duration::from_millis(900));
+    assert!(desk.text("linear.fdm").starts_with("// the last word\n"), "{:.200}", desk.text("linear.fdm"));
     // a text that is broken has no response, which the browser notes
     window.complaints.retain(|said| !said.contains("/simulate"));
     assert!(window.complaints.is_empty(), "{:?}", window.complaints);

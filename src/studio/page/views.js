@@ -193,7 +193,7 @@ const KINDS = ["second-order", "kinetics", "short-period", "lateral", "aircraft-
 
 export const model = () => {
   let path = null, over = null, pending = false, stamp = null, told = null, values = {}, at = 0, opening = false;
-  const editor = new Editor(() => { pending = true; saved.textContent = "…"; save(); check(); });
+  const editor = new Editor(() => { pending = true; saved.textContent = "…"; write_now(); check(); });
   const equations = h("div.equations", { "aria-label": "equations", "aria-live": "off" }), list = h("ul#findings.found", { "aria-live": "polite" }), saved = h("span.note"), sliders = h("div.sliders"), faults = h("p.warning");
   const plot = new Plot({ label: "measurement and response", height: 150 });
   const file = choice([], "", (to) => attempt(async () => { await set("model", to); tell("# fdm.toml: model =", JSON.stringify(to)); await open(to); }), "model");
@@ -234,12 +234,12 @@ export const model = () => {
     try {
       over = await send("text", { path, text, over });
       if (editor.value === text) { pending = false; saved.textContent = "saved"; }
-      start();
+      later();
     } catch (e) {
       saved.replaceChildren(h("span.warning", {}, e.message), " ", button("take the other", () => { pending = false; open(path); }), button("keep this", async () => { over = (await read("text", { path })).fingerprint; write_now(); }));
     }
   });
-  const save = calm(500, write_now);
+  const later = calm(300, () => start());
   const check = calm(120, latest(async () => {
     const { findings, equations: set } = await send("check", { path, text: editor.value });
     editor.find(findings);
@@ -321,7 +321,7 @@ export const model = () => {
       return;
     }
     // another window or another program has written it
-    if (now && now.stamp !== stamp && !pending) { stamp = now.stamp; attempt(async () => { const text = await read("text", { path }); if (text.fingerprint !== over) await open(path); }); }
+    if (now && now.stamp !== stamp && !pending) { stamp = now.stamp; attempt(async () => { const before = over, text = await read("text", { path }); if (!pending && over === before && text.fingerprint !== over) await open(path); }); }
     const key = JSON.stringify([project(), path, now?.stamp, store.files("record").map((f) => f.stamp)]);
     if (key !== update.key) { update.key = key; start(); }
   };
