@@ -520,11 +520,13 @@ impl Kinematics {
             // a factor that may be none has no logarithm
             let middle = if low > 0.0 { (low * high).sqrt() } else { 0.5 * (low + high) };
             let mut what = format!(
-                "`{}` changes by {middle:.3} of it ({low:.3} to {high:.3}): a factor, a filter, or an interval that is not the stamps'",
-                name(y)
+                "`{}` changes by {middle:.3} ({low:.3} to {high:.3}) times what `{}` says: a scale factor or a filter of either, or samples \
+                 that are not as far apart as their times",
+                name(y),
+                name(x)
             );
             if same > 1 {
-                what.push_str(&format!("; {same} equations of {} are alike", balances.len()));
+                what.push_str(&format!("; so do {same} of {} such pairs", balances.len()));
             }
             let run = if let [record] = records { record.run.as_str() } else { "all" };
             let mut remark = Finding::by_chance(run, &name(x), Fault::Scale, 1.0, what).remark();

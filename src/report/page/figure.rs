@@ -247,8 +247,8 @@ impl Figure {
     /// Room beside the first and the last place, as a part of the axis: lines end at the frame, what stands alone is to be seen whole.
     pub(crate) fn margin(&self) -> f64 {
         let marks = || self.panels.iter().flat_map(|p| &p.marks);
-        if marks().any(|m| m.shape == Shape::Columns) {
-            // half a column
+        if marks().any(|m| m.shape == Shape::Columns) || !self.names.is_empty() {
+            // half a column, or half the way to the next thing
             return 0.5 / (self.at.len().max(2) - 1) as f64 + 0.01;
         }
         if marks().all(|m| m.shape == Shape::Line) { 0.0 } else { 0.02 }
