@@ -284,9 +284,15 @@ fn names_in(log: &Log) -> String {
 fn hint(log: &Log, channel: &ChannelMap) -> Option<String> {
     let topic = channel.from.split('.').next().unwrap_or_default();
     let base = topic.split('[').next().unwrap_or_default();
+    let fields = |there: &Topic| there.fields.iter().map(|f| f.name.as_str()).take(12).collect::<Vec<_>>().join(", ");
+    // a table is one topic without a name
+    if let [table] = &log.topics[..]
+        && table.name.is_empty()
+    {
+        return Some(format!("its columns are {}", fields(table)));
+    }
     if let Some(there) = log.topics.iter().find(|t| t.name == topic || t.name.split('[').next() == Some(base)) {
-        let names: Vec<&str> = there.fields.iter().map(|f| f.name.as_str()).take(12).collect();
-        return Some(format!("`{}` has {}", there.name, names.join(", ")));
+        return Some(format!("`{}` has {}", there.name, fields(there)));
     }
     channel.missing.clone().or_else(|| {
         let names: Vec<&str> = log.names().take(12).collect();
