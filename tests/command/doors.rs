@@ -219,5 +219,5 @@ fn a_record_without_a_model_is_judged_by_its_map() {
     assert!(again["records"].to_string().contains("are turned from"), "{again}");
     desk.write("slip.toml", desk.text("own.toml").replace("from = \"az\"", "from = \"azz\""));
     let said = desk.refused("doctor flown.csv --map-file slip.toml -q");
-    assert!(said.contains("channel.az.from = \"azz\"") && said.contains("its columns are t, "), "{said}");
+    assert!(said.contains("channel.az.from = \"azz\"") && said.contains("its columns are t [s], phi, "), "{said}");
 }
