@@ -53,13 +53,14 @@ export class Plot {
 
   // Rows of traces: { title, traces: [{ name, time, values, colour, wide, dots }] }; the view stays where the times are the same.
   show(rows, keep = false) {
-    this.rows = rows.map((row) => ({ ...row, traces: row.traces.map((t) => ({ ...t, levels: t.levels ?? pyramid(t.values) })) }));
+    this.rows = rows.map((row) => ({ ...row, traces: row.traces.map((t) => ({ ...t })) }));
     const times = rows.flatMap((r) => r.traces.map((t) => t.time)).filter((t) => t.length > 0);
     const whole = [Math.min(...times.map((t) => t[0])), Math.max(...times.map((t) => t[t.length - 1]))];
     if (!keep || !this.view) this.view = [...whole];
     this.whole = whole;
     this.canvas.setAttribute("aria-label", `${this.label}: ${rows.map((r) => r.title).join(", ")}; arrow keys move the crosshair, + and - zoom, 0 shows all`);
-    this.draw();
+    // what follows a slider is seen in the next frame, not in the one behind it
+    keep ? this.paint() : this.draw();
   }
 
   draw() {
@@ -154,6 +155,8 @@ export class Plot {
 
   // The level of the pyramid for so many samples on so many pixels, its groups' size, and the least and greatest values.
   level(trace, samples, pixels) {
+    // of rows that are seen
+    trace.levels ??= pyramid(trace.values);
     let k = -1;
     while (k + 1 < trace.levels.length && samples / FACTOR ** (k + 1) > 2 * pixels) k++;
     return k < 0 ? [1, trace.values, trace.values] : [FACTOR ** (k + 1), ...trace.levels[k]];
