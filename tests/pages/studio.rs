@@ -24,6 +24,8 @@ struct Window {
     last: u64,
     session: Option<String>,
     complaints: Vec<String>,
+    /// How often a page was there whole.
+    loaded: usize,
     _profile: TempDir,
 }
 
@@ -54,8 +56,8 @@ impl Window {
             .spawn()
             .unwrap();
         let (to, from) = (browser.stdin.take().unwrap(), BufReader::new(browser.stdout.take().unwrap()));
-        let (last, session, complaints) = (0, None, Vec::new());
-        let mut window = Self { program, browser, to, from, last, session, complaints, _profile: profile };
+        let (last, session, complaints, loaded) = (0, None, Vec::new(), 0);
+        let mut window = Self { program, browser, to, from, last, session, complaints, loaded, _profile: profile };
         let targets = window.call("Target.getTargets", json!({}));
         let all = targets["targetInfos"].as_array().unwrap();
         let id = all.iter().find(|t| t["type"] == "page").unwrap()["targetId"].clone();
@@ -84,6 +86,7 @@ impl Window {
                 assert!(heard["error"].is_null(), "{method}: {heard}");
                 return heard["result"].clone();
             }
+            self.loaded += usize::from(heard["method"] == "Page.loadEventFired");
             if heard["method"] == "Runtime.exceptionThrown" || heard["method"] == "Log.entryAdded" {
                 self.complaints.push(heard["params"].to_string());
             }
@@ -105,6 +108,18 @@ impl Window {
         while self.run(&format!("return Boolean({expression});")) != true {
             assert!(begun.elapsed() < PATIENCE, "{expression}: {:?}", self.complaints);
             std::thread::sleep(Duration::from_millis(50));
+        }
+    }
+
+    /// Loads the page anew, and waits for it: a script that is asked meanwhile would end with the old page.
+    fn reload(&mut self) {
+        let (before, begun) = (self.loaded, Instant::now());
+        self.call("Page.reload", json!({}));
+        while self.loaded == before {
+            assert!(begun.elapsed() < PATIENCE, "the page is not there again");
+            std::thread::sleep(Duration::from_millis(50));
+            // an answer of the browser brings what happened before it
+            self.call("Page.getNavigationHistory", json!({}));
         }
     }
 
@@ -299,7 +314,7 @@ fn a_newcomers_flight_is_repaired_fitted_extended_and_reported_by_clicks_in_a_br
     let newest = window.run("return document.querySelector('.report-view select').value;");
     assert_eq!(reported.as_str().unwrap().trim(), format!("{}/report.html", newest.as_str().unwrap()));
     // the window is closed and opened again: what was accepted is undone all the same
-    window.run("location.reload();");
+    window.reload();
     window.until("document.querySelector('.card article code')");
     window.step(4);
     window.click(".missing-view", "Undo");
@@ -420,7 +435,7 @@ fn models_are_begun_compared_and_handed_on_by_clicks_in_a_browser() {
     window.until("document.querySelector('.editor textarea').value.startsWith('// A first model of first.csv')");
     assert_eq!(desk.text("fdm.toml"), "model = \"second.fdm\"\ndata = [\"first.csv\"]\n");
     // a window that opens on the model has its sliders, though nothing else happens in the folder
-    window.run("location.reload();");
+    window.reload();
     window.until("document.querySelectorAll('.slider').length > 0");
     assert!(window.complaints.is_empty(), "{:?}", window.complaints);
 }

@@ -66,6 +66,9 @@ export const shown = (value, digits = 5) => {
   const size = Math.abs(value), text = size !== 0 && (size >= 1e6 || size < 1e-4) ? value.toExponential(digits - 1).replace(/\.?0+e/, "e") : String(Number(value.toPrecision(digits)));
   return text.replace("-", "−");
 };
+// A unit; none of pure numbers.
+export const unit = (of) => (of && of !== "1" ? of : "");
+export const bracketed = (of) => (unit(of) ? ` [${of}]` : "");
 export const bytes = (count) => (count < 1e4 ? `${count} B` : count < 1e7 ? `${Math.round(count / 1e3)} kB` : `${Math.round(count / 1e6)} MB`);
 
 // What runs in the folder, by role, of the project file or of its table of runs.

@@ -1,6 +1,6 @@
 // The five steps: record, model, fit, what is missing, report. Each is made once and hears of every change of the folder.
 
-import { attempt, bytes, calm, drop, ended, get, h, latest, post, read, run, say, send, shell, shown, stop, store, teller, unpack, work } from "./ask.js";
+import { attempt, bracketed, bytes, calm, drop, ended, get, h, latest, post, read, run, say, send, shell, shown, stop, store, teller, unit, unpack, work } from "./ask.js";
 import { Editor } from "./editor.js";
 import { Plot } from "./plot.js";
 
@@ -134,7 +134,7 @@ export const record = () => {
       const [t, f] = key.split(":").map(Number), topic = contents.topics[t], field = topic.fields[f], values = await column(t, f);
       const time = topic.time === null ? Float64Array.from(values, (_, k) => k) : await column(t, topic.time);
       plot.unit = topic.time === null ? "sample" : `${topic.fields[topic.time].name} [${topic.fields[topic.time].unit ?? "s"}]`;
-      rows.push({ name: field.name, title: `${topic.name ? `${topic.name}.` : ""}${field.name}${field.unit ? ` [${field.unit}]` : ""}`, traces: [{ name: field.name, time, values, colour: "residual" }] });
+      rows.push({ name: field.name, title: `${topic.name ? `${topic.name}.` : ""}${field.name}${bracketed(field.unit)}`, traces: [{ name: field.name, time, values, colour: "residual" }] });
     }
     if (rows.length) plot.show(rows, keep);
   };
@@ -266,8 +266,8 @@ export const model = () => {
     faults.textContent = now.faults.join("; ");
     plot.unit = `time [${told.time}]`;
     const measured = of("measured", told), inputs = of("input", told);
-    const rows = of("model", now).map((c, k) => ({ name: c.name, title: `${c.name}${c.unit ? ` [${c.unit}]` : ""}`, traces: [(measured[k].trace ??= { name: "measured", time, values: measured[k].values, colour: "measured", wide: 2.6 }), { name: "model", time, values: c.values, colour: "model", aside: false }] }));
-    rows.push(...inputs.map((c) => ({ name: c.name, title: `${c.name}${c.unit ? ` [${c.unit}]` : ""}`, traces: [(c.trace ??= { name: c.name, time, values: c.values, colour: "input" })] })));
+    const rows = of("model", now).map((c, k) => ({ name: c.name, title: `${c.name}${bracketed(c.unit)}`, traces: [(measured[k].trace ??= { name: "measured", time, values: measured[k].values, colour: "measured", wide: 2.6 }), { name: "model", time, values: c.values, colour: "model", aside: false }] }));
+    rows.push(...inputs.map((c) => ({ name: c.name, title: `${c.name}${bracketed(c.unit)}`, traces: [(c.trace ??= { name: c.name, time, values: c.values, colour: "input" })] })));
     plot.height = rows.length > 2 ? 110 : 190;
     plot.show(rows, keep || plot.whole?.[1] === time[time.length - 1]);
     for (const row of plot.rows) for (const [k, t] of row.traces.entries()) if (t.name === "measured") measured.find((m) => m.name === row.name).trace = t; else if (!k && t.name === row.name) inputs.find((i) => i.name === row.name).trace = t;
@@ -291,7 +291,7 @@ export const model = () => {
         keydown: (e) => { const by = { ArrowUp: 1, ArrowRight: 1, ArrowDown: -1, ArrowLeft: -1 }[e.key]; if (by) { e.preventDefault(); change(Math.min(high, Math.max(low, now() + by * (high - low) / 200)), true); } } });
       slider.value = now();
       const number = h("input", { type: "text", inputMode: "decimal", value: String(Number(now().toPrecision(6))), "aria-label": p.name, change: () => { const v = Number(number.value); if (Number.isFinite(v)) change(v, true); } });
-      return h("label.slider", { title: p.doc }, h("code", {}, p.name), slider, number, h("span.note", {}, p.unit ?? "", p.fixed ? " fixed" : "", p.per_run ? " per run" : ""));
+      return h("label.slider", { title: p.doc }, h("code", {}, p.name), slider, number, h("span.note", {}, unit(p.unit), p.fixed ? " fixed" : "", p.per_run ? " per run" : ""));
     }));
   };
   const take = (from) => {
@@ -360,7 +360,7 @@ const worker = (label, verb, asked, ended) => {
 // ---- 3 fit
 
 // Of a fit in a line, and of its validation in another.
-const errors = (all, what) => all.length ? h("p.note", {}, `${what}RMS ${all.slice(0, 4).map((e) => `${e.output}${all.some((o) => o.run !== e.run) ? ` (${e.run})` : ""} ${shown(e.rms, 3)} ${e.unit ?? ""}`).join(", ")}${all.length > 4 ? ", …" : ""}`) : "";
+const errors = (all, what) => all.length ? h("p.note", {}, `${what}RMS ${all.slice(0, 4).map((e) => `${e.output}${all.some((o) => o.run !== e.run) ? ` (${e.run})` : ""} ${shown(e.rms, 3)} ${unit(e.unit)}`).join(", ")}${all.length > 4 ? ", …" : ""}`) : "";
 
 export const fit = (models) => {
   let own = null;
@@ -436,12 +436,12 @@ export const missing = (models) => {
     const d = JSON.parse(await (await get("document", { path: seen.path, name: "diagnosis.json" })).text());
     const text = d.causes.length ? await get("document", { path: seen.path, name: "extended.diff" }).then((a) => a.text()).catch(() => null) : null;
     card.replaceChildren(h("h2", {}, seen.says),
-      h("div.causes", {}, d.causes.map((c) => h("article", {}, h("h3", {}, c.doc), h("p", {}, h("code", {}, place(c))), h("p", {}, c.parameters.map((p) => `${p.name} = ${shown(p.value)}${p.standard_error ? ` ± ${shown(p.standard_error, 2)}` : ""} ${p.unit ?? ""}`).join(", ")),
+      h("div.causes", {}, d.causes.map((c) => h("article", {}, h("h3", {}, c.doc), h("p", {}, h("code", {}, place(c))), h("p", {}, c.parameters.map((p) => `${p.name} = ${shown(p.value)}${p.standard_error ? ` ± ${shown(p.standard_error, 2)}` : ""} ${unit(p.unit)}`).join(", ")),
         h("p.note", {}, `${c.group.length ? `probability ${shown(c.probability, 2)}; ` : ""}without it alone ${shown(c.loss, 4)} nats are lost`),
         c.group.length ? h("p.note", {}, `These records cannot tell it from ${c.group.map((o) => `${place(o)} (${shown(o.probability, 2)})`).join(", ")}.`) : "",
         h("div.tools", {}, button("Accept this alone", () => accept({ effect: place(c) }, ["fdm extend", shell(models.editor().path), `--effect=${shell(place(c))}`])),
           c.group.length ? button("Design the experiment that tells them apart", () => separate(c), { title: c.separating_experiment }) : "")))),
-      d.outputs.length ? h("div.scroll", {}, h("table", {}, h("thead", {}, h("tr", {}, ["run", "output", "RMS before", "after", "noise"].map((t) => h("th", {}, t)))), h("tbody", {}, d.outputs.map((o) => h("tr", {}, h("th", { scope: "row" }, `${o.run}${o.validation ? " (validation)" : ""}`), h("td", {}, `${o.output}${o.unit ? ` [${o.unit}]` : ""}`), h("td.number", {}, shown(o.rms_before, 3)), h("td.number", {}, shown(o.rms_after, 3)), h("td.number", {}, shown(o.noise_level, 3))))))) : "",
+      d.outputs.length ? h("div.scroll", {}, h("table", {}, h("thead", {}, h("tr", {}, ["run", "output", "RMS before", "after", "noise"].map((t) => h("th", {}, t)))), h("tbody", {}, d.outputs.map((o) => h("tr", {}, h("th", { scope: "row" }, `${o.run}${o.validation ? " (validation)" : ""}`), h("td", {}, `${o.output}${bracketed(o.unit)}`), h("td.number", {}, shown(o.rms_before, 3)), h("td.number", {}, shown(o.rms_after, 3)), h("td.number", {}, shown(o.noise_level, 3))))))) : "",
       ...(text ? [h("div.tools", {}, button("Accept all of it", () => accept({ result: seen.path }, ["fdm diagnose --write", shell(models.editor().path)]), { class: "first" }), h("span.note", {}, "the text with its estimates, as a difference:")), diff(text)] : []));
   };
   const update = (state) => {
@@ -486,7 +486,7 @@ const next = () => {
   const draw = async (path) => {
     const [topic] = (await read("record", { path })).topics, values = async (field) => new Float64Array(await (await get("samples", { path, topic: 0, field })).arrayBuffer());
     const time = await values(topic.time), rows = [];
-    for (const [k, field] of topic.fields.entries()) if (k !== topic.time) rows.push({ name: field.name, title: `${field.name}${field.unit ? ` [${field.unit}]` : ""}`, traces: [{ name: field.name, time, values: await values(k), colour: "input", held: true }] });
+    for (const [k, field] of topic.fields.entries()) if (k !== topic.time) rows.push({ name: field.name, title: `${field.name}${bracketed(field.unit)}`, traces: [{ name: field.name, time, values: await values(k), colour: "input", held: true }] });
     plot.unit = `t [${topic.fields[topic.time].unit ?? "s"}]`;
     file = path; shownRun.hidden = false;
     plot.show(rows);
