@@ -18,8 +18,8 @@ const HEAD_TIME: Duration = Duration::from_secs(10);
 
 /// Connections that are answered at once: a window holds one for events, and asks by a few others.
 const MOST_CONNECTIONS: usize = 64;
-/// Bytes of a body that is read only so that a refusal is not lost.
-const MOST_REFUSED: u64 = 8 << 20;
+/// Bytes of what is told in JSON, and of a body that is read only so that a refusal is not lost.
+pub(crate) const MOST_TOLD: u64 = 8 << 20;
 
 /// What listens to this machine alone.
 pub(crate) struct Listener {
@@ -61,7 +61,7 @@ impl Listener {
                         let _ = Answer::refused(&refusal).send(&mut stream);
                         // what still comes is taken, so that the refusal is not lost with a reset connection
                         let _ = stream.shutdown(std::net::Shutdown::Write);
-                        let _ = io::copy(&mut Read::take(&mut stream, MOST_REFUSED), &mut io::sink());
+                        let _ = io::copy(&mut Read::take(&mut stream, MOST_TOLD), &mut io::sink());
                     }
                 }
                 count.fetch_sub(1, Ordering::Relaxed);

@@ -17,7 +17,7 @@ mod tests;
 use fdm_session::Failure;
 use fdm_session::failure::OrFailure;
 use folder::Folder;
-use http::{Answer, Listener, Refusal, Request, Status};
+use http::{Answer, Listener, MOST_TOLD, Refusal, Request, Status};
 use serde::Serialize;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -97,8 +97,6 @@ pub struct Server {
 
 /// Bytes of a token.
 const TOKEN: usize = 16;
-/// Bytes of what is told in JSON.
-const MOST_TOLD: u64 = 8 << 20;
 /// Bytes of a record that is dropped on a window, which is held in memory.
 const MOST_DROPPED: u64 = 1 << 30;
 

@@ -1,13 +1,16 @@
 """Turns of the tanker KVLCC2 by the published coefficients, integrated apart from the library's part `std/ship_mmg`.
 
-    python3 studies/right/kvlcc2.py
+    python3 studies/right/kvlcc2.py target/release/fdm
 
 Yasukawa and Yoshimura (2015), J. Marine Science and Technology 20:37-52: equations 4 to 26 and tables 1 to 4 at full scale, with the resistance of
 the ship at the turns that hold 15.5 kn; the rudder moves 2.34 degrees a second. Prints advance at 90 degrees of heading and tactical diameter at 180,
-in ship lengths, to both sides, beside what the paper's own simulation is said to give and what `tests/identification/library.rs` gets. Needs NumPy
-and SciPy.
+in ship lengths, to both sides, beside those of the part, simulated by the program, and of the paper's own simulation. Needs NumPy and SciPy.
 """
 import math
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -61,6 +64,25 @@ def turn(rudder):
     return abs(quarter[4]) / L, abs(half[5]) / L
 
 
-for side, rudder, paper, part in [("port", -35, (3.56, 3.59), (3.567, 3.594)), ("starboard", 35, (3.62, 3.71), (3.506, 3.544))]:
-    advance, diameter = turn(rudder)
-    print(f"{side:10} advance {advance:.3f}, tactical diameter {diameter:.3f}; the part {part[0]}, {part[1]}; the paper's simulation {paper[0]}, {paper[1]}")
+MODEL = """model ship { input delta [deg], n [1/s]; use "std/ship_mmg" as ship(delta = deg2rad(delta), n = n);
+  output heading [rad] = ship.heading, x [m] = ship.x, y [m] = ship.y; }
+"""
+
+
+def turn_of_the_part(program, rudder):
+    time = np.arange(0, 1200.5, 1.0)
+    with tempfile.TemporaryDirectory() as folder:
+        model, record = Path(folder) / "ship.fdm", Path(folder) / "turn.csv"
+        model.write_text(MODEL)
+        rows = (f"{t},{math.copysign(min(RATE * t, abs(rudder)), rudder)},{TURNS}" for t in time)
+        record.write_text("t [s],delta [deg],n [1/s]\n" + "\n".join(rows) + "\n")
+        start = [f"--set=ship.u(0)={SPEED}", *(f"--set=ship.{s}(0)=0" for s in ("v", "r", "psi")), f"--set=ship.R0={RESISTANCE}"]
+        said = subprocess.run([program, "simulate", model, record, *start, "--linear=delta", "-q", "--no-project"], capture_output=True, text=True, check=True)
+    _, heading, x, y = np.array([[float(v) for v in row.split(",")] for row in said.stdout.splitlines()[1:]]).T
+    at = [np.interp(angle, np.abs(heading), path) for angle, path in ((math.pi / 2, x), (math.pi, y))]
+    return abs(at[0]) / L, abs(at[1]) / L
+
+
+for side, rudder, paper in [("port", -35, (3.56, 3.59)), ("starboard", 35, (3.62, 3.71))]:
+    own, part = turn(rudder), turn_of_the_part(sys.argv[1], rudder)
+    print(f"{side:10} advance, tactical diameter: {own[0]:.3f}, {own[1]:.3f}; of the part {part[0]:.3f}, {part[1]:.3f}; of the paper's simulation {paper[0]}, {paper[1]}")
